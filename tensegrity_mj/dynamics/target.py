@@ -11,6 +11,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.motion import piece_at
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
@@ -48,19 +49,6 @@ def pack_target(target: Target) -> Table:
 
 
 @inlined
-def piece_at(t: float, times: Any) -> int:
-    """The last k with times[k] <= t; -1 where there is none. `np.searchsorted` takes seconds to compile."""
-    low, high = 0, len(times)
-    while low < high:
-        middle = (low + high) // 2
-        if times[middle] <= t:
-            low = middle + 1
-        else:
-            high = middle
-    return low - 1
-
-
-@inlined
 def locate(t: float, times: Any) -> tuple[int, float, float, float]:
     """Segment, and the quintic s = 10 τ³ - 15 τ⁴ + 6 τ⁵ with its first two time derivatives; s = 0 when standing."""
     last = len(times) - 1
@@ -68,7 +56,7 @@ def locate(t: float, times: Any) -> tuple[int, float, float, float]:
         return 0, 0.0, 0.0, 0.0
     if t >= times[last]:
         return last, 0.0, 0.0, 0.0
-    k = piece_at(t, times)
+    k = piece_at(t, times, 0, len(times))
     span = times[k + 1] - times[k]
     x = (t - times[k]) / span
     s = x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -116,7 +104,7 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
 def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
     """Position, velocity and acceleration (3, 3) of a node of a curve from its first to before its last time."""
     times, quintics, shapes = target.times, target.quintics, target.shapes
-    k = piece_at(t, times)
+    k = piece_at(t, times, 0, len(times))
     tau = t - times[k]
     x, rate, acc = 0.0, 0.0, 0.0  # of the scaled parameter, by Horner
     for power in range(5, -1, -1):
@@ -197,15 +185,7 @@ def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
         return
     ends = floats(stack_doubles(12), (2, 2, 3))
     for w in range(2):
-        row = k if w == 0 else m
-        length = 0.0
-        for i in range(3):
-            first, second = nodes[row, rod.i, i], nodes[row, rod.j, i]
-            ends[w, 0, i] = (1.0 - rod.sigma) * first + rod.sigma * second
-            ends[w, 1, i] = second - first
-            length += (second - first) ** 2
-        for i in range(3):
-            ends[w, 1, i] /= np.sqrt(length)
+        _rod_at(rod, nodes[k if w == 0 else m], ends[w, 0], ends[w, 1])
     along_line(ends[0, 0], ends[1, 0], s, rate, acc, r)
     along_great_circle(ends[0, 1], ends[1, 1], s, rate, acc, b)
 
@@ -234,15 +214,22 @@ def standing_targets(rods: Any, points: Any, target: Table) -> Array:
 
 @borrowing
 def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
+    _rod_at(rod, nodes, r[0], b[0])
+    for i in range(3):
+        r[1, i], r[2, i], b[1, i], b[2, i] = 0.0, 0.0, 0.0, 0.0
+
+
+@borrowing
+def _rod_at(rod: Any, nodes: Any, r: Any, b: Any) -> None:
+    """r and b (3,) of a rod between nodes (N, 3)."""
     length = 0.0
     for i in range(3):
         first, second = nodes[rod.i, i], nodes[rod.j, i]
-        r[0, i] = (1.0 - rod.sigma) * first + rod.sigma * second
-        b[0, i] = second - first
-        length += b[0, i] * b[0, i]
-        r[1, i], r[2, i], b[1, i], b[2, i] = 0.0, 0.0, 0.0, 0.0
+        r[i] = (1.0 - rod.sigma) * first + rod.sigma * second
+        b[i] = second - first
+        length += b[i] * b[i]
     for i in range(3):
-        b[0, i] /= np.sqrt(length)
+        b[i] /= np.sqrt(length)
 
 
 @borrowing

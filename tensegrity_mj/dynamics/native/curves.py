@@ -96,7 +96,8 @@ def yield_strings(table: int, t: float) -> None:
         s, v = lengths[m] - rest[m], rates[m]
         longest, h = s, t - plant.yielded_at
         if held and h > 0.0 and last[m, 1] > 0.0 > v:
-            longest = max(s, _peak(last[m, 0], s, h * last[m, 1], h * v))
+            s0, d0 = last[m, 0], h * last[m, 1]
+            longest = max(s, cubic(turn_of_cubic(s0, s, d0, h * v), s0, s, d0, h * v))
         last[m, 0], last[m, 1] = s, v
         if longest <= 0.0 or broken[m]:
             continue
@@ -144,11 +145,16 @@ def corner_between(plant: Any, m: int, before: float, after: float) -> float:
 
 
 @borrowing
-def _peak(s0: float, s1: float, d0: float, d1: float) -> float:
-    """The largest value at 0 <= x <= 1 of the cubic with values s0, s1 and derivatives d0 > 0 > d1 at the ends."""
+def cubic(x: float, s0: float, s1: float, d0: float, d1: float) -> float:
+    """At 0 <= x <= 1, the cubic with values s0 and s1 and derivatives d0 and d1 at 0 and 1."""
+    r = 1.0 - x
+    return r * r * ((1.0 + 2.0 * x) * s0 + x * d0) + x * x * ((3.0 - 2.0 * x) * s1 - r * d1)
+
+
+@borrowing
+def turn_of_cubic(s0: float, s1: float, d0: float, d1: float) -> float:
+    """Where its derivative a x² + b x + d0 changes its sign, which it does once between 0 and 1."""
     a, b = 6.0 * (s0 - s1) + 3.0 * (d0 + d1), -6.0 * (s0 - s1) - 4.0 * d0 - 2.0 * d1
     root = np.sqrt(max(b * b - 4.0 * a * d0, 0.0))
     q = -0.5 * (b + root if b > 0.0 else b - root)
-    x = d0 / q if q != 0.0 and 0.0 < d0 / q < 1.0 else q / a
-    r = 1.0 - x
-    return r * r * ((1.0 + 2.0 * x) * s0 + x * d0) + x * x * ((3.0 - 2.0 * x) * s1 - r * d1)
+    return d0 / q if q != 0.0 and 0.0 < d0 / q < 1.0 else q / a

@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.compiling import intrinsic
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.motion import motion_at
 from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import (
+    TIMED,
     address,
     address_of,
     borrowing,
-    call_by_address,
+    call_timed,
     copy,
     floats,
     inlined,
@@ -60,7 +60,7 @@ MOTION_SIZE, EFFECT_SIZE = 3, len(_EFFECT)
 _PLACES = {name: place for place, name in enumerate(_EFFECT)}
 _COUNT, _RODS = _PLACES["count"], _PLACES["rods"]
 
-ACT_SIGNATURE = "int64(float64, int64, int64, int64)"
+ACT_SIGNATURE = TIMED
 ACT_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 ELEMENT = np.dtype([("function", "i8"), ("context", "i8"), ("effect", "i8"), ("work", "i8")], align=True)
 RECORD_SIZE = 4  # numbers of a record
@@ -68,12 +68,6 @@ _read_elements = records_reader(ELEMENT)
 _WORKS = {Work.GIVEN: 0, Work.LOST: 1, Work.STORED: 2}
 GIVEN, LOST = _WORKS[Work.GIVEN], _WORKS[Work.LOST]
 LOSING = 3  # of what stores its work and loses some of it
-
-
-@intrinsic
-def _call_element(typingctx: Any, function: Any, time: Any, motion: Any, context_: Any, effect: Any) -> Any:
-    """Call the element at address `function`."""
-    return call_by_address("diii")
 
 
 @borrowing
@@ -93,19 +87,26 @@ def let_act(table: int, t: float) -> Any:
         pushes = own.forces
         clear(pushes)
         own.given = 0.0
-        if _call_element(element.function, t, plant.seen, element.context, element.effect) != SOLVED:
+        if call_timed(element.function, t, plant.seen, element.context, element.effect) != SOLVED:
             plant.status = FAILED
         for n in range(len(pushes)):
             for x in range(3):
                 forces[n, x] += pushes[n, x]
-        power = power_of(pushes, velocities)
-        if element.work == GIVEN:
-            given += power
-        elif element.work == LOST:
-            given += own.given
-            lost += own.given - power
-        elif element.work == LOSING:
-            lost += own.given
+        given, lost = _counted(element, own, velocities, given, lost)
+    return given, lost
+
+
+@inlined
+def _counted(element: Any, own: Any, velocities: Any, given: float, lost: float) -> Any:
+    """Powers that are given and lost, with those of an element."""
+    power = power_of(own.forces, velocities)
+    if element.work == GIVEN:
+        given += power
+    elif element.work == LOST:
+        given += own.given
+        lost += own.given - power
+    elif element.work == LOSING:
+        lost += own.given
     return given, lost
 
 
@@ -129,7 +130,7 @@ def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any,
     status, count = SOLVED, integers(known, 1)[0]
     records = integers(known + 8, (count, 2))
     for e in range(count):
-        if _call_element(records[e, 0], t, frame, records[e, 1], at) != SOLVED:
+        if call_timed(records[e, 0], t, frame, records[e, 1], at) != SOLVED:
             status = FAILED
     return status
 
@@ -141,15 +142,7 @@ def held_powers(table: int) -> Any:
     velocities, given, lost = plant.velocities, 0.0, 0.0
     elements = _read_elements(plant.elements, plant.element_count)
     for e in range(len(elements)):
-        element, own = elements[e], _Own(elements[e].effect)
-        power = power_of(own.forces, velocities)
-        if element.work == GIVEN:
-            given += power
-        elif element.work == LOST:
-            given += own.given
-            lost += own.given - power
-        elif element.work == LOSING:
-            lost += own.given
+        given, lost = _counted(elements[e], _Own(elements[e].effect), velocities, given, lost)
     return given + power_of(plant.held_mass, velocities), lost
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, borrowing, call_load, floats
+from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, borrowing, call_load, floats, inlined
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.motion import Motion
 
@@ -94,6 +94,18 @@ class PackedMotions:
         return ctypes.cast(self._functions[-1], ctypes.c_void_p).value or 0
 
 
+@inlined
+def piece_at(t: float, times: Any, low: int, high: int) -> int:
+    """The last k of low to high - 1 with times[k] <= t, or low - 1. `np.searchsorted` takes seconds to compile."""
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
 @borrowing
 def motion_at(packed: int, number: int, t: float, out_at: int) -> int:
     """Write displacement, velocity and acceleration (3, 3) of a motion at t [s]; not 0 where its function failed."""
@@ -125,13 +137,7 @@ def _add_piece(times: Any, first: int, last: int, pieces: Any, start: int, t: fl
     """Add the quintic of data between times[first] and times[last]; outside they stand still."""
     inside = times[first] <= t <= times[last]
     at = min(max(t, times[first]), times[last])
-    low, high = first, last
-    while high - low > 1:
-        middle = (low + high) // 2
-        if times[middle] <= at:
-            low = middle
-        else:
-            high = middle
+    low = min(piece_at(at, times, first, last + 1), last - 1)
     x, c = at - times[low], start + low - first
     for k in range(3):
         d, rate, acc = 0.0, 0.0, 0.0

@@ -19,6 +19,7 @@ import numpy as np
 from tensegrity_mj.dynamics.native.compiling import compiled, intrinsic
 
 LAW_SIGNATURE = "int64(float64, int64, int64, int64, int64, int64)"
+TIMED = "int64(float64, int64, int64, int64)"  # of elements, and of models that integrators call
 LAW_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int64,
     ctypes.c_double,
@@ -93,6 +94,12 @@ def call_law(
 def call_load(typingctx: Any, function: Any, time: Any, out: Any) -> Any:
     """Call the force function at address `function`."""
     return call_by_address("di")
+
+
+@intrinsic
+def call_timed(typingctx: Any, function: Any, time: Any, one: Any, other: Any, third: Any) -> Any:
+    """Call the function of a time and three addresses, `TIMED`, that is at address `function`."""
+    return call_by_address("diii")
 
 
 @intrinsic

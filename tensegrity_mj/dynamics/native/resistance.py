@@ -12,11 +12,10 @@ from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, Motion
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.elements.resistance import (
     GAUSS_POINTS,
     GAUSS_WEIGHTS,
-    Bending,
     BendingDamping,
     BendingStiffness,
     FluidResistance,
@@ -38,7 +37,7 @@ ROD = np.dtype(
 )
 JOINT = np.dtype([("nodes", "i8", (3,)), ("inverse", "f8", (2,))], align=True)  # as `Joint`; 1/ℓ of its two rods
 Fluid, pack_rods = view_of("Fluid", count="size", rods=(ROD, "count"), wind=("f8", 3))
-Joints, pack_joints = view_of("Joints", count="size", joints=(JOINT, "count"), factor="real")
+Joints, pack_joints = view_of("Joints", count="size", joints=(JOINT, "count"), factor="real", damps="size")
 
 
 def pack_fluid(element: FluidResistance, scene: Scene) -> NativeElement:
@@ -64,25 +63,16 @@ def pack_nodal(element: NodalDamping, scene: Scene) -> NativeElement:
     return NativeElement(act_fluid.address, packed.address, (packed,))
 
 
-def pack_stiffness(element: BendingStiffness, scene: Scene) -> NativeElement:
-    """Stiffness of joints in bending."""
-    packed = _packed_joints(scene, element.bending, element.bending.stiffness)
-    return NativeElement(act_stiffness.address, packed.address, (packed,))
-
-
-def pack_damping(element: BendingDamping, scene: Scene) -> NativeElement:
-    """Damping of joints in bending."""
-    packed = _packed_joints(scene, element.bending, element.bending.damping)
-    return NativeElement(act_damping.address, packed.address, (packed,))
-
-
-def _packed_joints(scene: Scene, bending: Bending, factor: float) -> Table:
+def pack_bending(element: BendingStiffness | BendingDamping, scene: Scene) -> NativeElement:
+    """Stiffness or damping of joints in bending."""
+    bending, damps = element.bending, isinstance(element, BendingDamping)
     found, lengths = bending_joints(scene.structure, bending), scene.structure.rod_lengths
     joints = np.zeros(len(found), JOINT)
     for record, joint in zip(joints, found, strict=True):
         record["nodes"] = joint.nodes
         record["inverse"] = 1 / lengths[list(joint.rods)]
-    return pack_joints(joints=joints, factor=factor)
+    packed = pack_joints(joints=joints, factor=bending.damping if damps else bending.stiffness, damps=damps)
+    return NativeElement(act_bending.address, packed.address, (packed,))
 
 
 @inlined
@@ -156,15 +146,9 @@ def act_fluid(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     return SOLVED
 
 
-@c_function(ACT_SIGNATURE, "stiffness of joints against bending")
-def act_stiffness(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
+@c_function(ACT_SIGNATURE, "joints against bending")
+def act_bending(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """See `native.elements`."""
-    add_bending(Joints(context_at), Motion(motion_at).nodes, Effect(effect_at).forces)
-    return SOLVED
-
-
-@c_function(ACT_SIGNATURE, "damping of joints against bending")
-def act_damping(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
-    """See `native.elements`."""
-    add_bending(Joints(context_at), Motion(motion_at).velocities, Effect(effect_at).forces)
+    bent, motion = Joints(context_at), Motion(motion_at)
+    add_bending(bent, motion.velocities if bent.damps else motion.nodes, Effect(effect_at).forces)
     return SOLVED

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.curves import corner_between, curved_pull
+from tensegrity_mj.dynamics.native.curves import corner_between, cubic, curved_pull, turn_of_cubic
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
@@ -180,19 +180,12 @@ def look_at_end(table: int, searched: int, h: float) -> float:
 
 
 @borrowing
-def _cubic(x: float, s0: float, s1: float, d0: float, d1: float) -> float:
-    """At 0 <= x <= 1, the cubic with values s0 and s1 and derivatives d0 and d1 at 0 and 1."""
-    r = 1.0 - x
-    return r * r * ((1.0 + 2.0 * x) * s0 + x * d0) + x * x * ((3.0 - 2.0 * x) * s1 - r * d1)
-
-
-@borrowing
 def _cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
-    """Where it changes its sign."""
+    """Where a cubic between two ends, as in `curves`, changes its sign."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         x = 0.5 * (low + high)
-        if (_cubic(x, s0, s1, d0, d1) > 0.0) == (s1 > 0.0):
+        if (cubic(x, s0, s1, d0, d1) > 0.0) == (s1 > 0.0):
             high = x
         else:
             low = x
@@ -209,12 +202,8 @@ def _turn(plant: Any, search: Any, h: float) -> float:
         s0, s1, d0, d1 = start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m]
         if broken[m] != WHOLE or d0 * d1 >= 0.0 or (s0 > 0.0) != (s1 > 0.0) or (s0 > 0.0) == (d0 > 0.0):
             continue
-        # The derivative a x² + b x + d0 of the cubic changes its sign once between 0 and 1.
-        a, b = 6.0 * (s0 - s1) + 3.0 * (d0 + d1), -6.0 * (s0 - s1) - 4.0 * d0 - 2.0 * d1
-        root = np.sqrt(max(b * b - 4.0 * a * d0, 0.0))
-        q = -0.5 * (b + root if b > 0.0 else b - root)
-        x = d0 / q if q != 0.0 and 0.0 < d0 / q < 1.0 else q / a
-        if 0.0 < x < first and (_cubic(x, s0, s1, d0, d1) > 0.0) != (s0 > 0.0):
+        x = turn_of_cubic(s0, s1, d0, d1)
+        if 0.0 < x < first and (cubic(x, s0, s1, d0, d1) > 0.0) != (s0 > 0.0):
             first = x
     return first
 

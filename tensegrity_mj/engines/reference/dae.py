@@ -133,7 +133,7 @@ class DAE(ReferenceEngine):
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
         if self.drift is not Drift.NORMALIZE:
-            equations = replace(equations, project=0)
+            equations = replace(equations, project=None)
         return IntegratedRun("DAE", self, request, plant, y, equations), records
 
     def _model(self, request: Request) -> _Model:
@@ -160,9 +160,10 @@ def _rods_alone(request: Request) -> _Model:
     plant, records = _plant(request, dae.RODS), StructureRecords.of(request.scene.structure)
     plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
     equations = Equations(
-        place=dae.dae_place.address,
-        accelerate=(dae.dae_wet_accelerate if plant["wet_rods"] else dae.dae_accelerate).address,
-        project=dae.dae_normalize.address,
+        place=dae.dae_place,
+        accelerate=dae.dae_accelerate,
+        wet=dae.dae_wet_accelerate,
+        project=dae.dae_normalize,
         multipliers=np.zeros(len(records.rods)),
         keep=(records,),
     )
@@ -193,16 +194,16 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
     plan, closures = plan_joints(records), len(records.forest.closures)
     plant.set(linked=records.table.address, joints=plan.address, closure_count=closures)
     keep: list[Any] = [records, plan]
-    accelerate = linked.linked_wet_accelerate if plant["wet_rods"] else linked.linked_accelerate
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
         keep.append(tree_matrices(records))
-        plant["tree"], accelerate = keep[-1].address, linked.dense_accelerate
+        plant["tree"] = keep[-1].address
     equations = Equations(
-        place=linked.linked_place.address,
-        accelerate=accelerate.address,
-        project=linked.linked_project.address,
+        place=linked.linked_place,
+        accelerate=linked.linked_accelerate if solver is Solver.JOINTS else linked.dense_accelerate,
+        wet=linked.linked_wet_accelerate,  # DENSE takes no added mass
+        project=linked.linked_project,
         multipliers=np.zeros(len(records.rods) + (EXTRA if closures else 0)),
         keep=tuple(keep),
     )
@@ -219,11 +220,10 @@ def _assembled(request: Request, hung: bool) -> _Model:
     constraints = len(scene.structure.constraints)
     plant.set(assembly=records.table.address, constraint_count=constraints)
     equations = Equations(
-        place=assembled.assembled_place.address,
-        accelerate=(
-            assembled.assembled_wet_accelerate if plant["wet_rods"] else assembled.assembled_accelerate
-        ).address,
-        project=assembled.assembled_project.address,
+        place=assembled.assembled_place,
+        accelerate=assembled.assembled_accelerate,
+        wet=assembled.assembled_wet_accelerate,
+        project=assembled.assembled_project,
         multipliers=np.zeros(len(records.rods) + EXTRA + constraints),
         keep=(records,),
     )

@@ -6,15 +6,9 @@ from tensegrity_mj.dynamics.assembly_equations import assembled_accelerations, p
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.pointers import TIMED
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
-from tensegrity_mj.engines.reference.equations import (
-    ACCELERATE_SIGNATURE,
-    MODEL,
-    PLACE_SIGNATURE,
-    STATE_SIGNATURE,
-    halves,
-    time_of,
-)
+from tensegrity_mj.engines.reference.equations import MODEL, halves
 
 ASSEMBLED: Fields = (
     *MODEL,
@@ -24,23 +18,23 @@ ASSEMBLED: Fields = (
 _AssembledView = changing_view("Assembled", ASSEMBLED)
 
 
-@c_function(PLACE_SIGNATURE, "places of nodes in the DAE for any structure")
-def assembled_place(t, y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "places of nodes in the DAE for any structure")
+def assembled_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _AssembledView(table)
     set_motions(table, t)
     place_assembly(own.assembly, own.moved, *halves(own, y_at), own.nodes, own.velocities)
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the DAE for any structure")
-def assembled_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the DAE for any structure")
+def assembled_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _AssembledView(table)
     own.given += assembled_accelerations(own, None, *halves(own, y_at), halves(own, dy_at)[1])
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the DAE in water for any structure")
-def assembled_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the DAE in water for any structure")
+def assembled_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """With added mass."""
     own = _AssembledView(table)
     added = (own.added, own.held_mass)
@@ -49,9 +43,9 @@ def assembled_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE, "constraints kept by the DAE for any structure")
-def assembled_project(y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "constraints kept by the DAE for any structure")
+def assembled_project(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _AssembledView(table)
-    set_motions(table, time_of(own, y_at))
+    set_motions(table, t)
     project_assembly(own.assembly, own.moved, *halves(own, y_at))
     return SOLVED

@@ -13,17 +13,10 @@ from tensegrity_mj.dynamics.linked import place_linked
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.pointers import borrowing
+from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.dynamics.tree_equations import dense_accelerations
-from tensegrity_mj.engines.reference.equations import (
-    ACCELERATE_SIGNATURE,
-    MODEL,
-    PLACE_SIGNATURE,
-    STATE_SIGNATURE,
-    halves,
-    time_of,
-)
+from tensegrity_mj.engines.reference.equations import MODEL, halves
 
 LINKED: Fields = (
     *MODEL,
@@ -42,16 +35,16 @@ def _report_gaps(own: Any) -> None:
         observed[R], observed[R + 1] = largest_gap(own.linked, 0), largest_gap(own.linked, 1)
 
 
-@c_function(PLACE_SIGNATURE, "places of nodes in the DAE for rods that share nodes")
-def linked_place(t, y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "places of nodes in the DAE for rods that share nodes")
+def linked_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _LinkedView(table)
     set_motions(table, t)
     place_linked(own.linked, *halves(own, y_at), own.nodes, own.velocities)
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the DAE for rods that share nodes")
-def linked_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the DAE for rods that share nodes")
+def linked_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     own = _LinkedView(table)
     own.given += joint_accelerations(own, None, *halves(own, y_at), halves(own, dy_at)[1])
@@ -59,8 +52,8 @@ def linked_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the DAE in water for rods that share nodes")
-def linked_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the DAE in water for rods that share nodes")
+def linked_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """By joint forces, with added mass."""
     own = _LinkedView(table)
     added = (own.added, own.held_mass)
@@ -70,8 +63,8 @@ def linked_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations (3.19) to (3.22) of the DAE")
-def dense_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations (3.19) to (3.22) of the DAE")
+def dense_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """By (3.19)-(3.22)."""
     own = _LinkedView(table)
     own.given += dense_accelerations(own, *halves(own, y_at), halves(own, dy_at)[1])
@@ -79,11 +72,11 @@ def dense_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE, "joints kept closed by the DAE")
-def linked_project(y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "joints kept closed by the DAE")
+def linked_project(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """Lengths and closures of a state."""
     own = _LinkedView(table)
     q, rates = halves(own, y_at)
-    set_motions(table, time_of(own, y_at))
+    set_motions(table, t)
     project_linked(own.linked, own.joints, q, rates, own.nodes, own.velocities)
     return SOLVED

@@ -1,14 +1,14 @@
 """What the integrators use of a model: four compiled functions, reached through addresses in the plant's table.
 
-    int64 place(double t, int64 y, int64 table)             node positions and velocities of a state, nothing else
-    int64 accelerate(int64 y, int64 dy, int64 table)        q̈ for the forces on the nodes; leaves λ in the table
-    int64 project(int64 y, int64 table)                     puts a state back onto the model's constraints (0: none)
-    int64 guard(int64 y, int64 table)                       whether the model can hold a state (0: it always can)
+    place           node positions and velocities of a state at a time, nothing else
+    accelerate      q̈ into the derivative, for the forces on the nodes; leaves λ in the table
+    project         puts a state back onto the model's constraints (0: none)
+    guard           whether the model can hold a state (0: it always can)
 
-The integers are addresses: of the state y, of its derivative, of the plant's table. They return SOLVED or SINGULAR, or
-`OUTSIDE` where there are no nodes to be placed. What every model has besides is `rates`: one C function that
-places the nodes, lets forces act, and has the model accelerate. So one compiled loop serves every model, and is cached
-for all of them.
+Each is `int64 f(double t, int64 y, int64 dy, int64 table)`, whose integers are addresses: of the state y, of its
+derivative (for `accelerate` alone), of the plant's table. They return SOLVED or SINGULAR, or `OUTSIDE` where no nodes
+can be placed. What every model has besides is `rates`: one such function that places the nodes, lets forces act, and
+has the model accelerate. So one compiled loop serves every model, and is cached for all of them.
 
 State y: q and q̇, the time where supports move (so that a state alone says where its nodes are), and the work integrals
 of the energy ledger, of which the last counts what moves supports and what answers accelerations, too: `state_size`
@@ -20,13 +20,13 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_lengths, take_sample
-from tensegrity_mj.dynamics.native.compiling import c_function, intrinsic, njit
+from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.curves import yield_strings
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import PlantView
-from tensegrity_mj.dynamics.native.pointers import address, borrowing, call_by_address, copy, floats, inlined
+from tensegrity_mj.dynamics.native.pointers import TIMED, address, borrowing, call_timed, copy, floats, inlined
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.engines.driving import STEPPED
@@ -55,43 +55,12 @@ WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dis
 SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state
 OUTSIDE = -1  # nor place its nodes
 
-RATES_SIGNATURE = "int64(float64, int64, int64, int64)"
-PLACE_SIGNATURE = "int64(float64, int64, int64)"
-ACCELERATE_SIGNATURE = "int64(int64, int64, int64)"
-STATE_SIGNATURE = "int64(int64, int64)"
-
-
-@intrinsic
-def _call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: int) -> Any:
-    return call_by_address("diii")
-
-
-@intrinsic
-def _call_place(typingctx: Any, function: Any, time: Any, y: Any, table: int) -> Any:
-    return call_by_address("dii")
-
-
-@intrinsic
-def _call_accelerate(typingctx: Any, function: Any, y: Any, dy: Any, table: int) -> Any:
-    return call_by_address("iii")
-
-
-@intrinsic
-def _call_on_state(typingctx: Any, function: Any, y: Any, table: int) -> Any:
-    return call_by_address("ii")
-
 
 @inlined
 def halves(model: Any, y_at: int) -> Any:
     """q and q̇ (nq,) of a state, or q̇ and q̈ of its derivative."""
     nq = model.coordinates
     return floats(y_at, nq), floats(y_at + 8 * nq, nq)
-
-
-@inlined
-def time_of(model: Any, y_at: int) -> float:
-    """Of a state, where supports move; anything else elsewhere."""
-    return floats(y_at + 16 * model.coordinates, 1)[0]
 
 
 @borrowing
@@ -121,20 +90,20 @@ def _rates(t: float, y_at: int, dy_at: int, table: int) -> int:
     size, S, states = model.state_size, model.element_state_count, model.element_states
     work = floats(dy_at + 8 * (size - WORK), WORK)
     copy(floats(y_at + 8 * size, S), states[0])
-    placed = _call_place(model.place_function, t, y_at, table)
+    placed = call_timed(model.place_function, t, y_at, 0, table)
     if placed == OUTSIDE:
         return SINGULAR
     status, work[0], work[1], model.given = let_forces_act(t, table)
     copy(halves(model, y_at)[1], halves(model, dy_at)[0])
     if model.motion_count > 0:
         floats(dy_at + 16 * model.coordinates, 1)[0] = 1.0
-    _call_accelerate(model.accelerate_function, y_at, dy_at, table)
+    call_timed(model.accelerate_function, t, y_at, dy_at, table)
     work[2] = model.given
     copy(states[1], floats(dy_at + 8 * size, S))
     return max(status, placed)
 
 
-@c_function(RATES_SIGNATURE, "what all equations of motion have in common")
+@c_function(TIMED, "what all equations of motion have in common")
 def rates_of_state(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """dy/dt of a state, and the worst answer of law and model."""
     return _rates(t, y_at, dy_at, table)
@@ -143,14 +112,19 @@ def rates_of_state(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 @njit
 def rates(t: float, y: Any, dy: Any, table: int) -> int:
     """dy/dt of the model, and its answer."""
-    return _call_rates(ModelView(table).rates_function, t, address(y), address(dy), table)
+    return call_timed(ModelView(table).rates_function, t, address(y), address(dy), table)
+
+
+@inlined
+def _on_state(function: int, y: Any, table: int) -> int:
+    """What a function of the model says of a state, whose time it has where supports move."""
+    return call_timed(function, y[2 * ModelView(table).coordinates], address(y), 0, table) if function else SOLVED
 
 
 @njit
 def place(y: Any, table: int) -> int:
     """Place the nodes of a state and measure the strings."""
-    model = ModelView(table)
-    status = _call_place(model.place_function, time_of(model, address(y)), address(y), table)
+    status = _on_state(ModelView(table).place_function, y, table)
     measure_strings(table)
     return status
 
@@ -158,15 +132,13 @@ def place(y: Any, table: int) -> int:
 @njit
 def project(y: Any, table: int) -> int:
     """Put a state back onto the model's constraints, where it does so."""
-    model = ModelView(table)
-    return _call_on_state(model.project_function, address(y), table) if model.project_function else SOLVED
+    return _on_state(ModelView(table).project_function, y, table)
 
 
 @njit
 def guard(y: Any, table: int) -> int:
     """SINGULAR where the model's coordinates cannot hold a state."""
-    model = ModelView(table)
-    return _call_on_state(model.guard_function, address(y), table) if model.guard_function else SOLVED
+    return _on_state(ModelView(table).guard_function, y, table)
 
 
 @njit

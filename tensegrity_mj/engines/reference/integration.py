@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.compiling import CFunction
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES
@@ -27,22 +28,24 @@ from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 @dataclass(frozen=True)
 class Equations:
-    """A model's compiled functions by their addresses (0: none), and what goes with them.
+    """A model's compiled functions, and what goes with them.
 
     Attributes:
         place, accelerate: where a state has the nodes, and its accelerations for the forces on them.
+        wet: in place of `accelerate` where rods have added mass.
+        multipliers: where `accelerate` leaves (R,) λ, behind it gaps of closed loops and then forces of constraints.
         project: puts a state where constraints hold.
         guard: says whether the coordinates can hold a state.
-        multipliers: where `accelerate` leaves (R,) λ, behind it gaps of closed loops and then forces of constraints.
         keep: what has to live as long as the table holds its address.
         explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
-    place: int
-    accelerate: int
+    place: CFunction
+    accelerate: CFunction
+    wet: CFunction
     multipliers: Array
-    project: int = 0
-    guard: int = 0
+    project: CFunction | None = None
+    guard: CFunction | None = None
     keep: tuple[Any, ...] = ()
     explain_singular: Callable[[float], str] | None = None
 
@@ -63,14 +66,12 @@ class IntegratedRun:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
         self.table = plant.address
         self.equations = equations
-        plant.set(
-            **{f"{name}_function": getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
-        )
-        plant.set(
-            rates_function=kernels.rates_of_state.address, state_size=len(y), gravity=np.array(request.scene.gravity)
-        )
+        functions = {name: getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
+        functions |= {"rates": kernels.rates_of_state} | ({"accelerate": equations.wet} if plant["wet_rods"] else {})
+        plant.set(**{f"{name}_function": one.address if one else 0 for name, one in functions.items()})
         self.y = np.concatenate([y, plant.elements.states[0]])
         plant.set(multiplier_count=len(equations.multipliers), multipliers=equations.multipliers)
+        plant.set(state_size=len(y), gravity=np.array(request.scene.gravity))
         self.width = plant["row_width"] + len(equations.multipliers)
         self.evaluations = 0
         self.steps = 0

@@ -117,9 +117,10 @@ class ODE(ReferenceEngine):
             plant,
             y,
             Equations(
-                place=ode.ode_place.address,
-                accelerate=(ode.ode_wet_accelerate if plant["wet_rods"] else ode.ode_accelerate).address,
-                guard=ode.ode_guard.address,
+                place=ode.ode_place,
+                accelerate=ode.ode_accelerate,
+                wet=ode.ode_wet_accelerate,
+                guard=ode.ode_guard,
                 multipliers=np.zeros(len(records.rods)),
                 explain_singular=explain,
             ),

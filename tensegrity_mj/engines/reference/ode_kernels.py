@@ -15,17 +15,11 @@ from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerat
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.pointers import TIMED
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
 from tensegrity_mj.engines.reference.dae_kernels import RODS
-from tensegrity_mj.engines.reference.equations import (
-    ACCELERATE_SIGNATURE,
-    OUTSIDE,
-    PLACE_SIGNATURE,
-    SINGULAR,
-    STATE_SIGNATURE,
-    halves,
-)
+from tensegrity_mj.engines.reference.equations import OUTSIDE, SINGULAR, halves
 
 MINIMAL: Fields = (
     *RODS,
@@ -139,8 +133,8 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: int) -> flo
     return power
 
 
-@c_function(PLACE_SIGNATURE, "places of nodes in the ODE")
-def ode_place(t, y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "places of nodes in the ODE")
+def ode_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """And where a stage is beyond a pole.
 
     A fixed step cannot shorten itself: there every stage is held to what `ode_guard` requires of whole steps.
@@ -156,8 +150,8 @@ def ode_place(t, y_at, table):  # type: ignore[no-untyped-def]
     return OUTSIDE if found == SINGULAR and own.reason == ACROSS_POLE else found
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the ODE")
-def ode_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the ODE")
+def ode_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _MinimalView(table)
     (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     if own.motion_count > 0:
@@ -168,8 +162,8 @@ def ode_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(ACCELERATE_SIGNATURE, "the equations of the ODE in water")
-def ode_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "the equations of the ODE in water")
+def ode_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """With added mass, whose forces join those on the nodes once they are known."""
     own = _MinimalView(table)
     (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
@@ -190,8 +184,8 @@ def ode_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE, "poles of the ODE's angles")
-def ode_guard(y_at, table):  # type: ignore[no-untyped-def]
+@c_function(TIMED, "poles of the ODE's angles")
+def ode_guard(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _MinimalView(table)
     q, rates = halves(own, y_at)
     return _check(q, rates, table, own.least_sine)

@@ -190,7 +190,7 @@ class BendingStiffness(Element):
     work = Work.STORED
     smooth = True
     vectorized = True
-    compiled = "tensegrity_mj.dynamics.native.resistance:pack_stiffness"
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_bending"
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
@@ -213,7 +213,7 @@ class BendingDamping(Element):
     work = Work.LOST
     smooth = True
     vectorized = True
-    compiled = "tensegrity_mj.dynamics.native.resistance:pack_damping"
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_bending"
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
