@@ -13,7 +13,7 @@ import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, borrowing, call_law, floats
-from tensegrity_mj.dynamics.native.strings import string_length
+from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.model.structure import Structure
 
@@ -45,7 +45,11 @@ def spread(table: int, nodes_at: int, command_at: int) -> None:
         g = own.given_count - 1 - n  # from the last on: parts of a string are never before its own command
         rest = command[g]
         if own.densities:
-            rest = string_length(nodes, segments, limits[g]) * (1.0 - rest * compliance[g])
+            length = 0.0
+            for p in range(limits[g, 0], limits[g, 1]):
+                span = minus(row_of(nodes, segments[p, 1]), row_of(nodes, segments[p, 0]))
+                length += np.sqrt(dot(span, span))
+            rest = length * (1.0 - rest * compliance[g])
         for m in range(firsts[g], firsts[g + 1]):
             command[m] = shares[m] * rest
 

@@ -6,16 +6,9 @@ from tensegrity_mj.dynamics.kernels import accelerations, normalize, place_nodes
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED
-from tensegrity_mj.dynamics.native.views import Fields, changing_view
-from tensegrity_mj.dynamics.records import POINT, ROD
-from tensegrity_mj.engines.reference.equations import MODEL, halves
+from tensegrity_mj.dynamics.native.views import changing_view
+from tensegrity_mj.engines.reference.equations import RODS, halves
 
-RODS: Fields = (
-    *MODEL,
-    ("rods", (ROD, "rod_count")),
-    ("point_count", "size"),
-    ("points", (POINT, "point_count")),
-)
 _RodsView = changing_view("Rods", RODS)
 
 

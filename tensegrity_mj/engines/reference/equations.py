@@ -29,6 +29,7 @@ from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import TIMED, address, borrowing, call_timed, copy, floats, inlined
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
+from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.engines.driving import STEPPED
 
 # Of a plant whose equations are integrated here; a model's own fields come behind.
@@ -50,6 +51,12 @@ MODEL: Fields = (
     ("search", "size"),  # address of a `slack.Search`, 0 where steps are not split
 )
 ModelView = changing_view("Model", MODEL)
+RODS: Fields = (  # of one that has rods alone and point masses
+    *MODEL,
+    ("rods", (ROD, "rod_count")),
+    ("point_count", "size"),
+    ("points", (POINT, "point_count")),
+)
 
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work
 SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state

@@ -18,8 +18,7 @@ from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
-from tensegrity_mj.engines.reference.dae_kernels import RODS
-from tensegrity_mj.engines.reference.equations import OUTSIDE, SINGULAR, halves
+from tensegrity_mj.engines.reference.equations import OUTSIDE, RODS, SINGULAR, halves
 
 MINIMAL: Fields = (
     *RODS,
