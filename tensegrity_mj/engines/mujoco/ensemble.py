@@ -6,10 +6,10 @@ recording are those of a single run, by the same compiled code.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import mujoco
 import numpy as np
@@ -44,52 +44,98 @@ class MuJoCoEnsemble:
     """Simulations of scenes whose structures have the same members.
 
     Attributes:
+        ready: of the first scene, whose model those with the same structure, gravity and contact share.
         members: a run each, which `conclude`s with its trajectory or its error.
+        models: of the simulations.
+        data: in which runs are set up; each simulation has a row of the batch.
         seconds: wall time of the integration of all.
     """
 
     def __init__(self, options: MuJoCo, requests: Sequence[Request], threads: int) -> None:
-        first = requests[0].scene
+        first, count = requests[0].scene, len(requests)
         self.options, self.seconds = options, 0.0
-        of_models = (options.timestep, options.word, many.USERDATA_SIZE)
-        shared = prepared(first, *of_models)
-        self.model, tree = shared.model, shared.tree
-        guide = self.guide = many.Guide(self.model)
-        self.batch = Batch(self.model, len(requests), threads)
-        ready = [shared if _share_model(one.scene, first) else prepared(one.scene, *of_models) for one in requests]
-        _give_models(self.batch, [one.model for one in ready], requests)
-        data = mujoco.MjData(self.model)
-        shared = _bound(shared, data)
-        self.members: list[MuJoCoRun] = []
-        self.counters = np.zeros((len(requests), 6), np.int64)
-        qpos, qvel, userdata = (self.batch.bind(name) for name in ("qpos", "qvel", "userdata"))
-        for number, (request, own) in enumerate(zip(requests, ready, strict=True)):
-            start = None
-            if own.model is self.model:
+        self.ready = self.prepare(first)
+        self.model, tree = self.ready.model, self.ready.tree
+        self.data = mujoco.MjData(self.model)
+        self.ready = self._bound(self.ready)
+        self.batch = Batch(self.model, count, threads)
+        self.models, self.members = [self.model] * count, cast("list[MuJoCoRun]", [None] * count)
+        self.counters, self.tables = np.zeros((count, 6), np.int64), np.zeros(count, np.int64)
+        shared = [_share_model(one.scene, first) for one in requests]
+        ready = [self.ready if same else self.prepare(one.scene) for same, one in zip(shared, requests, strict=True)]
+        self.give_models(dict(enumerate(ready)))
+        for number, request in enumerate(requests):
+            if shared[number]:
                 check_motions(request.scene, first, tree)
-                own, start = shared, first
-            else:
-                own = _bound(own, data)
-            member = MuJoCoRun(options, request, own, data, start)
+            member = self.enter(number, request, ready[number], first if shared[number] else None)
             if number == 0:
-                check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
-            self.counters[number] = member.counters
-            member.counters = self.counters[number]
-            # Limits of forces are of the run, though clipped strings never move them.
-            member.plant.set(counters=member.counters, force_range=np.array(own.model.actuator_forcerange))
-            self.members.append(member)
-            _begin(data, own, request.scene, start)
-            qpos[number], qvel[number] = data.qpos, data.qvel
-            userdata[number] = TOKEN, number
-        tables = np.array([member.plant.address for member in self.members], np.int64)
+                check_rows(float(count) * member.rows.shape[0], member.rows.shape[1])
         # What the end of a step leaves in MjData the next simulation overwrites: copies, refreshed at each call.
         kept = ["qvel", "qacc", "actuator_force"]
         if first.contact is not None or (first.motions and tree.forest.closures):
             kept.append("qfrc_constraint")
         self.kept = {name: self.batch.bind(name) for name in kept}
-        self.running = np.ones(len(tables), np.int64)
-        guide.set(token=TOKEN, run_count=len(tables), runs=tables, running=self.running)
-        guide.keep(self.kept)
+        self.running = np.ones(count, np.int64)
+        self.guide = many.Guide(self.model)
+        self.guide.set(token=TOKEN, run_count=count, runs=self.tables, running=self.running)
+        self.guide.keep(self.kept)
+
+    def prepare(self, scene: Scene) -> Prepared:
+        """A scene with a model of its own.
+
+        Raises:
+            StructureError, SceneError, OptionError: as `MuJoCo.model`.
+        """
+        return prepared(scene, self.options.timestep, self.options.word, many.USERDATA_SIZE)
+
+    def give_models(self, ready: Mapping[int, Prepared]) -> None:
+        """Have simulations step these models, by their numbers.
+
+        Raises:
+            OptionError: unless they are of one kind with the first's.
+        """
+        models, failed = list(self.models), ""
+        for number, one in ready.items():
+            models[number] = one.model
+            if one.model.signature != self.model.signature:
+                failed = failed or f"scenes[{number}]"
+        if all(one is other for one, other in zip(models, self.models, strict=True)):
+            return
+        try:
+            if not failed:
+                self.batch.set_models(models)
+        except (ValueError, mujoco.FatalError) as error:
+            failed = f"scenes: {error}"
+        if failed:
+            raise OptionError(
+                f"{failed}: a model in MuJoCo is built otherwise than the first's (joints, floor, masses that move), "
+                "and simulate_many runs models of one kind: use run_many"
+            )
+        self.models = models
+
+    def enter(self, number: int, request: Request, ready: Prepared, first: Scene | None = None) -> MuJoCoRun:
+        """Begin a run as the simulation of that number, instead of the one before.
+
+        `ready` is of the simulation's model; `first`: the scene that it was made from, if another.
+        """
+        data = self.data
+        ready = ready if ready.data is data else self._bound(ready)
+        member = MuJoCoRun(self.options, request, ready, data, first)
+        self.counters[number] = member.counters
+        member.counters = self.counters[number]
+        # Limits of forces are of the run, though clipped strings never move them.
+        member.plant.set(counters=member.counters, force_range=np.array(ready.model.actuator_forcerange))
+        self.tables[number] = member.plant.address
+        self.members[number] = member
+        _begin(data, ready, request.scene, first)
+        self.batch.reset([number], stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.batch.qpos[number], self.batch.qvel[number] = data.qpos, data.qvel
+        self.batch.userdata[number] = TOKEN, number
+        return member
+
+    def _bound(self, ready: Prepared) -> Prepared:
+        """With the data that runs are set up in, which suits all models of one kind."""
+        return replace(ready, data=self.data, table=bound(ready.model, self.data, ready.nodes, ready.slides))
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of a simulation."""
@@ -157,11 +203,6 @@ def _share_model(scene: Scene, first: Scene) -> bool:
     return all(one is other or one == other for one, other in pairs)
 
 
-def _bound(ready: Prepared, data: mujoco.MjData) -> Prepared:
-    """With the data that runs are set up in."""
-    return replace(ready, data=data, table=bound(ready.model, data, ready.nodes, ready.slides))
-
-
 def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | None) -> None:
     """Have data at the start of a scene; `first`: what the model was made from, if another."""
     mujoco.mj_resetData(ready.model, data)
@@ -172,27 +213,6 @@ def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | No
         place(data, first, scene.nodes0, scene.velocities0, ready.tree)
     elif not np.array_equal(scene.velocities0, first.velocities0):
         data.qvel[:] = joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
-
-
-def _give_models(batch: Batch, models: Sequence[mujoco.MjModel], requests: Sequence[Request]) -> None:
-    """Have each simulation step its own model; OptionError unless they are of one kind."""
-    first, failed = batch.model, ""
-    if all(model is first for model in models):
-        return
-    for number, model in enumerate(models):
-        if model.signature != first.signature:
-            failed = f"scenes[{number}] ('{requests[number].scene.name}')"
-            break
-    else:
-        try:
-            batch.set_models(models)
-        except (ValueError, mujoco.FatalError) as error:
-            failed = f"scenes: {error}"
-    if failed:
-        raise OptionError(
-            f"{failed}: a model in MuJoCo is built otherwise than the first's (joints, floor, masses that move), and "
-            "simulate_many runs models of one kind: use run_many"
-        )
 
 
 @contextmanager
