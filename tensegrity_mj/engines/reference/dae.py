@@ -24,7 +24,7 @@ from tensegrity_mj.dynamics.native.views import Fields
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
-from tensegrity_mj.engines.reference.equations import WORK
+from tensegrity_mj.engines.reference.equations import RODS, WORK
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Accelerations, Request
@@ -157,7 +157,7 @@ def _plant(request: Request, fields: Fields) -> Plant:
 
 def _rods_alone(request: Request) -> _Model:
     """Class 1, supports at rest: each rod's equations by themselves."""
-    plant, records = _plant(request, dae.RODS), StructureRecords.of(request.scene.structure)
+    plant, records = _plant(request, RODS), StructureRecords.of(request.scene.structure)
     plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
     equations = Equations(
         place=dae.dae_place,
