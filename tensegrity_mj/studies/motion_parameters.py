@@ -55,25 +55,25 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
 def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:
     """A factor is of all that the motion makes, data too; a number is the length of all amplitudes, or a component."""
     rows = [item.amplitude for item in motion.harmonics]
-    changed: dict[str, Any] = {}
-    if isinstance(value, Scaled):
-        for key in ("displacements", "velocities", "accelerations"):
-            changed[key] = tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
-    else:
+    if not isinstance(value, Scaled):
         _no_data(path, motion)
-    if axis is None and not isinstance(value, (Sequence, Scaled)):
-        new = finite(path, value)
-        now = _one(path, motion, "lengths of amplitudes", [math.hypot(*row) for row in rows])
-        if now == 0:
-            raise OptionError(
-                f"{path} = {value!r}: an amplitude of zero has no direction; give a list of three numbers"
-            )
-        return _with(motion, "amplitude", [_times(new / now, row) for row in rows])
-    if not changed and axis is None:
-        _one(path, motion, "amplitudes", rows)
-    elif not changed and axis is not None:
-        _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
-    return _with(motion, "amplitude", [vector_from(path, value, axis, row) for row in rows], **changed)
+        if axis is not None:
+            _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
+        elif isinstance(value, Sequence):
+            _one(path, motion, "amplitudes", rows)
+        else:
+            new = finite(path, value)
+            now = _one(path, motion, "lengths of amplitudes", [math.hypot(*row) for row in rows])
+            if now == 0:
+                raise OptionError(
+                    f"{path} = {value!r}: an amplitude of zero has no direction; give a list of three numbers"
+                )
+            value = Scaled(new / now)
+    data = {
+        key: tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
+        for key in ("displacements", "velocities", "accelerations")
+    }
+    return _with(motion, "amplitude", [vector_from(path, value, axis, row) for row in rows], **data)
 
 
 def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motion:

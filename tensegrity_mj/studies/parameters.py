@@ -173,14 +173,10 @@ def _set(draft: Draft, path: str, value: Any) -> None:
             _set_engine(draft, rest, path, value)
         case "actuation" if rest not in ("", "period"):
             raise OptionError(f"{path}: {unknown(rest, ('period',), 'part of actuation')}")
-        case "actuation" if rest:
-            draft.period = number_from(path, value, draft.period)
-        case "actuation":
-            draft.actuation = choice_from(path, Mode, value)
-        case "on_infeasible":
-            draft.on_infeasible = choice_from(path, OnInfeasible, value)
-        case "output_interval":
-            draft.output_interval = number_from(path, value, draft.output_interval)
+        case _:
+            name, words = rest or root, {"actuation": Mode, "on_infeasible": OnInfeasible}.get(path)
+            now = getattr(draft, name)
+            setattr(draft, name, number_from(path, value, now) if words is None else choice_from(path, words, value))
 
 
 def _remade(draft: Draft, arguments: Mapping[str, Any]) -> Scene:

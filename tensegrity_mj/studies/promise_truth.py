@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
 from tensegrity_mj.engines.accuracy.search import can_locate
@@ -57,25 +57,6 @@ class Cheapest:
     words: str
     evaluations: float
     error: float
-
-
-class Yardsticks(NamedTuple):
-    """The cheapest settings of a sweep; None where there is none.
-
-    Attributes:
-        adequate: within the request, and so is every finer setting of the same method that was run.
-        lucky: within the request, whatever finer ones are: nobody could choose it without the truth.
-    """
-
-    adequate: Cheapest | None
-    lucky: Cheapest | None
-
-
-class Setting(NamedTuple):
-    """One point of the sweep: the engine, and the least number of evaluations that it can take."""
-
-    engine: Any
-    least: float
 
 
 def truth_of(experiment: Experiment, request: Request, like: Trajectory) -> Truth:
@@ -140,10 +121,16 @@ def _fastest(request: Request) -> float:
     return max(rates.turn, rates.decay)
 
 
-def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: float) -> Yardsticks:
-    """The cheapest settings, among those that cost at most that many evaluations.
+def cheapest_of(
+    experiment: Experiment, request: Request, truth: Truth, most: float
+) -> tuple[Cheapest | None, Cheapest | None]:
+    """The cheapest settings of a sweep, among those that cost at most that many evaluations; None where there is none.
 
     Each method is run from coarse to fine, up to `FINER` times the evaluations of the setting in question.
+
+    Returns:
+        One within the request, as is every finer setting of the same method that was run; and one within the request,
+        whatever finer ones are: nobody could choose it without the truth.
     """
     spacing = float(truth.run.time[1] - truth.run.time[0])
     adequate: Cheapest | None = None
@@ -173,15 +160,15 @@ def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: fl
             lucky = this if lucky is None or cost < lucky.evaluations else lucky
         if candidate and (adequate is None or candidate.evaluations < adequate.evaluations):
             adequate = candidate
-    return Yardsticks(adequate, lucky)
+    return adequate, lucky
 
 
-def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterator[Iterator[Setting]]:
-    """For each method its settings from coarse to fine."""
+def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterator[Iterator[tuple[Any, float]]]:
+    """For each method its engines from coarse to fine, each with the least number of evaluations that it can take."""
     steps = Steps.of(replace(request, output_interval=spacing), COARSE / max(_fastest(request), 1e-300))
 
-    def fixed(make: Any, evaluations: int) -> Iterator[Setting]:
-        return (Setting(make(steps.step(k)), evaluations * steps.count(k)) for k in DIVISIONS)
+    def fixed(make: Any, evaluations: int) -> Iterator[tuple[Any, float]]:
+        return ((make(steps.step(k)), evaluations * steps.count(k)) for k in DIVISIONS)
 
     if experiment.engine == "MuJoCo":
         for integrator in (Integrator.RK4, Integrator.EULER, Integrator.IMPLICITFAST, Integrator.DISCRETE):
@@ -192,7 +179,7 @@ def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterato
     for located in (True, False):
         yield fixed(lambda step, split=located: kind(method=Method.RK4, timestep=step, locate_slack=split), 4)
     for method in (Method.DOP853, Method.RADAU):
-        yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), 0.0) for tol in TOLERANCES)
+        yield ((kind(method=method, rtol=tol, atol=1e-2 * tol), 0.0) for tol in TOLERANCES)
 
 
 def _simulate(experiment: Experiment, engine: Any, interval: float) -> Trajectory:

@@ -136,7 +136,7 @@ def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.Monk
         errors, work = engine
         return SimpleNamespace(status=tmj.Status.COMPLETED, error=errors[work], cost={"evaluations": work})
 
-    settings = [[promise_truth.Setting((errors, work), work) for work in errors] for errors in methods]
+    settings = [[((errors, work), work) for work in errors] for errors in methods]
     monkeypatch.setattr(promise_truth, "_sweeps", lambda *_: settings)
     monkeypatch.setattr(promise_truth, "_simulate", run)
     monkeypatch.setattr(promise_truth, "node_difference", lambda made, _: made.error)

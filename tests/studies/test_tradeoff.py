@@ -321,17 +321,20 @@ def test_a_coarse_reference_says_so_and_points_below_it_are_marked(monkeypatch: 
     assert "the reference itself is known to" in advice[-1]["text"]
 
 
-def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is_no_second_formulation() -> None:
+def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is_no_second_formulation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     experiment = spring_experiment()
 
-    def run(engine: Any) -> Any:
+    def run(of: Experiment, engine: Any) -> Any:
         if not isinstance(engine, tmj.MuJoCo):
             from tensegrity_mj.studies.tradeoff.measurement import Attempt
 
             return Attempt(Ended.REFUSED, "it knows no contact", None)
-        return attempt(experiment, engine)
+        return attempt(of, engine)
 
-    found = find_reference(experiment, 1e5, run)
+    monkeypatch.setattr(reference, "attempt", run)
+    found = find_reference(experiment, 1e5)
     assert found.motion is not None
     assert found.facts["engine"].startswith("MuJoCo")
     assert found.facts["second_formulation"] is None
@@ -342,10 +345,11 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
     assert [one["status"] for one in found.facts["tried"]].count("refused") == 2  # each of the DAE's ways once
 
 
-def test_without_any_reference_the_reason_is_reported() -> None:
+def test_without_any_reference_the_reason_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     from tensegrity_mj.studies.tradeoff.measurement import Attempt
 
-    found = find_reference(spring_experiment(), 1e5, lambda engine: Attempt(Ended.REFUSED, "not today", None))
+    monkeypatch.setattr(reference, "attempt", lambda *_: Attempt(Ended.REFUSED, "not today", None))
+    found = find_reference(spring_experiment(), 1e5)
     assert found.motion is None
     assert math.isinf(found.own_error)
     assert found.facts["reason"] == "not today"

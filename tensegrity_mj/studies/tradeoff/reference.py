@@ -31,8 +31,6 @@ RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
 ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
 FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be distinguished from it
 
-Run = Callable[[Any], Attempt]
-
 
 @dataclass(frozen=True, eq=False)
 class Reference:
@@ -68,16 +66,12 @@ class Reference:
         return cls(motion, found["facts"])
 
 
-def find_reference(experiment: Experiment, budget: float, run: Run | None = None) -> Reference:
-    """Compute the reference of an experiment within `GENEROUS` budgets.
-
-    Args:
-        run: makes an attempt of an engine, in place of `attempt` on the experiment.
-    """
+def find_reference(experiment: Experiment, budget: float) -> Reference:
+    """Compute the reference of an experiment within `GENEROUS` budgets."""
     tried: list[dict[str, str]] = []
 
     def noted(engine: AnyEngine) -> Attempt:
-        made = attempt(experiment, engine) if run is None else run(engine)
+        made = attempt(experiment, engine)
         tried.append({"engine": str(engine), "status": made.ended.value, "reason": made.reason})
         return made
 
@@ -139,7 +133,7 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyE
     yield [MuJoCo(step) for step in grid[:2]], lambda tight: []
 
 
-def _two(engines: list[AnyEngine], run: Run) -> list[tuple[AnyEngine, Attempt]]:
+def _two(engines: list[AnyEngine], run: Callable[[Any], Attempt]) -> list[tuple[AnyEngine, Attempt]]:
     """The tightest two engines that complete, the tighter first; fewer where there are no two."""
     done: list[tuple[AnyEngine, Attempt]] = []
     for engine in engines:
