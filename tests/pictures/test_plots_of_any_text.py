@@ -21,7 +21,7 @@ from tensegrity_mj.pictures import plots
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import figures as static_figures
-from tensegrity_mj.studies.figures import figures as sweep_figures
+from tensegrity_mj.studies.page import figures as sweep_figures
 from tensegrity_mj.studies.table import Row
 
 # An unclosed fraction, which TeX cannot read; two dollars, which would make a formula; a label that would be hidden.
