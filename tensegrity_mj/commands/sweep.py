@@ -35,8 +35,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.keep_trajectories and options.out is None:
         raise OptionError("--keep-trajectories needs --out FOLDER to keep them in")
 
-    from tensegrity_mj.studies.measures import USUAL
-    from tensegrity_mj.studies.table import check_measures, counts, rows_of
+    from tensegrity_mj.studies.table import USUAL, check_measures, counts, rows_of
 
     measures = check_measures(options.measures.split(",") if options.measures is not None else USUAL)
     sweep = studies.Sweep(

@@ -18,10 +18,11 @@ from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, frame, line_
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.studies.many import Study
-from tensegrity_mj.studies.measures import MEASURES, USUAL
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.table import (
+    MEASURES,
+    USUAL,
     Row,
     as_number,
     check_measures,

@@ -29,11 +29,11 @@ from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Axis, Choice, Draw, Grid, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
 from tensegrity_mj.studies.many import Study, run_many
-from tensegrity_mj.studies.measures import measure
 from tensegrity_mj.studies.parameter_values import encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.scene_parameters import member_names
+from tensegrity_mj.studies.table import measure
 from tensegrity_mj.studies.workers import Workers, workers_for
 
 TRAJECTORY = "trajectory.nc"

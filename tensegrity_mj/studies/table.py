@@ -1,17 +1,117 @@
-"""A sweep's outcome as rows: parameters, how it ended, measures."""
+"""What a sweep keeps of each run, plain numbers and texts with units and meanings; and its outcome as rows of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.runs.deformation import deformation, is_tower, rod_forces
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.many import Study
-from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.parameter_values import Scaled, decoded
+from tensegrity_mj.studies.plain import value_at
+
+
+class Measure(NamedTuple):
+    """One number of a run."""
+
+    unit: str
+    meaning: str
+    of: Callable[[Trajectory], Any]
+
+
+def _last(values: Any) -> Any:
+    return values[-1] if len(values) else None
+
+
+def _largest(values: Any) -> Any:
+    return np.max(values) if values.size else None
+
+
+def _compression(run: Trajectory) -> Any:
+    return -np.min(run.rod_force_densities) if run.rod_force_densities.size else None
+
+
+def _margin_time(run: Trajectory) -> Any:
+    margins = run.feasibility_margin
+    return run.time[np.nanargmin(margins)] if np.any(~np.isnan(margins)) else None
+
+
+def _final_error(run: Trajectory) -> Any:
+    return _last(run.target_error())
+
+
+def _bent(late: bool) -> Callable[[Trajectory], Any]:
+    """The largest D of a tower; that of the last quarter of the run."""
+
+    def largest(run: Trajectory) -> Any:
+        if not is_tower(run.scene.structure) or not len(run.time):
+            return None
+        rows = run.time >= (0.75 * run.scene.duration if late else 0.0)
+        return np.max(deformation(run)[rows]) if rows.any() else None
+
+    return largest
+
+
+def _mean_rod_force(run: Trajectory) -> Any:
+    return np.mean(rod_forces(run)) if run.rod_force_densities.size else None
+
+
+# Shown unless others are chosen.
+USUAL = ("final_error", "max_force_density", "min_margin", "energy_residual")
+
+
+def _at(part: str, *keys: str) -> Callable[[Trajectory], Any]:
+    """What stands at the end of these keys in a run's reports, or its cost."""
+    return lambda run: value_at(getattr(run, part), keys)
+
+
+_report, _cost = partial(_at, "reports"), partial(_at, "cost")
+BELOW = "nonpositive_rest_lengths"  # a report
+
+
+LAW = "as the law defines"
+MEASURES: dict[str, Measure] = {
+    "status": Measure("", "how the run ended", lambda run: run.status.value),
+    "message": Measure("", "why it was not completed", lambda run: run.message),
+    "end_time": Measure("s", "simulated time that was reached", lambda run: _last(run.time)),
+    "final_error": Measure("m", "largest distance of a node from its target at the end", _final_error),
+    "max_force_density": Measure("N/m", "largest u of a string", lambda run: _largest(run.force_densities)),
+    "max_tension": Measure("N", "largest tension of a string", lambda run: _largest(run.tensions)),
+    "max_compression": Measure("N/m", "largest compressive force density -Jλ/ℓ² of a rod", _compression),
+    "mean_rod_force": Measure("N", "internal force of rods, their mean over rods and time", _mean_rod_force),
+    "deformation": Measure("m", "of a tower: largest D, of the centres between stages from a line", _bent(False)),
+    "late_deformation": Measure("m", "the same in the last quarter of the scene's duration", _bent(True)),
+    "min_margin": Measure(LAW, "smallest feasibility margin", lambda run: run.min_feasibility_margin),
+    "min_margin_time": Measure("s", "when the feasibility margin is smallest", _margin_time),
+    "final_lyapunov": Measure(LAW, "V at the end", lambda run: _last(run.lyapunov)),
+    "decay_error": Measure("", "largest relative error of V against V(0) exp(-δt)", _report("decay_error")),
+    "energy_residual": Measure("J", "largest error of the energy balance", lambda run: run.energy_residual),
+    "drift": Measure("", "largest error of bᵀb = 1", _report("drift")),
+    "nonpositive_rest_lengths": Measure("", "recorded samples with a rest length <= 0", _report(BELOW, "samples")),
+    "nonpositive_since": Measure("s", "when the first was, at any step", _report(BELOW, "first_time")),
+    "holding_ratio": Measure("", "largest ratio of what holding adds to the load", _report("largest_holding_ratio")),
+    "steps": Measure("", "steps of the integrator", _cost("steps")),
+    "evaluations": Measure("", "evaluations of the right-hand side", _cost("evaluations")),
+    "warnings": Measure("", "what the run warned of", lambda run: list(run.reports.get("warnings", []))),
+}
+
+
+def measure(run: Trajectory) -> dict[str, Any]:
+    """Every measure of a run as a plain value; None where a run has no such thing."""
+    return {name: _plain(one.of(run)) for name, one in MEASURES.items()}
+
+
+def _plain(value: Any) -> Any:
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @dataclass(frozen=True)

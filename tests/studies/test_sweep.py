@@ -26,12 +26,11 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.axes import Choice, Draw, Grid, LogUniform, Normal, Together, Uniform, Vary
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameter_values import Scaled, decoded, encoded
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
-from tensegrity_mj.studies.table import rows_of
+from tensegrity_mj.studies.table import MEASURES, rows_of
 from tensegrity_mj.studies.workers import Backend, Workers
 
 HERE = Workers(backend=Backend.THIS_PROCESS)
