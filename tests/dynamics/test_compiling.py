@@ -165,7 +165,7 @@ def test_processes_that_save_at_the_same_time_do_not_mix_signatures(tmp_path: Pa
     def function(x: Any) -> Any:
         return x
 
-    first, second = (Files(function, {}, tmp_path) for _ in range(2))
+    first, second = (Files(function, {}, (tmp_path,)) for _ in range(2))
     keys = [((sig,), ("cpu",), ("code", "closure")) for sig in ("float64", "int64")]
     first.save(keys[0], "for floats")
     second.save(keys[1], "for integers")

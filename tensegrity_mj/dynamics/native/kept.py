@@ -19,11 +19,10 @@ import glob
 import json
 import os
 import sys
-import tempfile
 import threading
 import uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -73,28 +72,6 @@ def folders(source: str) -> tuple[Path, ...]:
     own = os.environ.get("NUMBA_CACHE_DIR")
     users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return (*((Path(own) / part,) if own else ()), parent / "__pycache__", users / "tensegrity-mj" / part)
-
-
-def cache_folder(source: str = __file__) -> Path:
-    """The first of `folders` that can be written to.
-
-    Raises:
-        OSError: if none can.
-    """
-    reasons = []
-    for folder in folders(source):
-        try:
-            _try_to_write(folder)
-            return folder
-        except OSError as error:
-            reasons.append(f"{folder}: {error.strerror or error}")
-    raise OSError("; ".join(reasons))
-
-
-def _try_to_write(folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=folder):
-        pass
 
 
 def base_name(function: Any) -> str:
@@ -236,12 +213,16 @@ def kept_code(function: Any, signature: str, options: dict[str, Any]) -> Code | 
 def keep_code(function: Any, signature: str, options: dict[str, Any], code: Code) -> None:
     """Keep the machine code of a C function, compiled for the first of `processors`."""
     name = entry_name(function, f"C {signature} {processors()[0]}", options)
-    if name is None:
-        return
+    if name is not None:
+        write_first(folders(function.__code__.co_filename), name, code.entry())
+
+
+def write_first(where: Sequence[Path], name: str, content: bytes) -> None:
+    """Write an entry into the first of these folders that takes it; where none does, one warning says so."""
     reasons = []
-    for folder in folders(function.__code__.co_filename):
+    for folder in where:
         try:
-            write_entry(folder, name, code.entry())
+            write_entry(folder, name, content)
             return
         except OSError as error:
             reasons.append(f"{folder}: {error.strerror or error}")

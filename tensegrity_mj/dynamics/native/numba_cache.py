@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
 from tensegrity_mj.dynamics.native.digests import used_by
-from tensegrity_mj.dynamics.native.kept import base_name, cache_folder, entry_name, warn_once, write_entry
+from tensegrity_mj.dynamics.native.kept import base_name, entry_name, folders, warn_once, write_first
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
@@ -18,45 +20,40 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:
         super().__init__(function)
-        self._cache_file = Files(function, options, cache_folder(function.__code__.co_filename))
+        self._cache_file = Files(function, options, folders(function.__code__.co_filename))
 
 
 class Files:
     """The machine code of one function, a file for each signature: <function>.<signature>.<digest>.nbc."""
 
-    def __init__(self, function: Any, options: dict[str, Any], folder: Path) -> None:
-        self.function, self.options, self.folder = function, options, folder
+    def __init__(self, function: Any, options: dict[str, Any], where: Sequence[Path]) -> None:
+        self.function, self.options, self.where = function, options, where
         self.inner = bool(options.get("no_cpython_wrapper"))  # both kinds of one function may be needed
 
-    def _path(self, key: tuple[Any, ...]) -> Path | None:
+    def _name(self, key: tuple[Any, ...]) -> str | None:
         signature, processor, (_, *closure) = key
-        name = entry_name(self.function, repr((signature, processor, closure, self.inner)), self.options)
-        return None if name is None else self.folder / name
+        return entry_name(self.function, repr((signature, processor, closure, self.inner)), self.options)
 
     def load(self, key: tuple[Any, ...]) -> Any:
         """What was saved for a key of numba's; None if nothing was, or if it cannot be read."""
-        path = self._path(key)
-        if path is None:
-            return None
-        try:
-            return pickle.loads(path.read_bytes())
-        except Exception:  # there is none, or whatever a damaged one makes of it: it is compiled and written again
-            return None
+        name = self._name(key)
+        for folder in self.where if name else ():
+            # There is none, or whatever a damaged one makes of it: it is compiled and written again.
+            with contextlib.suppress(Exception):
+                return pickle.loads((folder / str(name)).read_bytes())
+        return None
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
         """Save, and remove what it replaces."""
-        path = self._path(key)
-        if path is None:
-            return
-        try:
-            write_entry(self.folder, path.name, dumps(data))
-        except OSError as error:
-            warn_once(f"{self.folder}: {error.strerror or error}")
+        name = self._name(key)
+        if name is not None:
+            write_first(self.where, name, dumps(data))
 
     def flush(self) -> None:
         """Remove every entry."""
-        for old in self.folder.glob(f"{base_name(self.function)}.*.nbc"):
-            old.unlink(missing_ok=True)
+        for folder in self.where:
+            for old in folder.glob(f"{base_name(self.function)}.*.nbc"):
+                old.unlink(missing_ok=True)
 
 
 def cached(dispatcher: Any) -> Any:
@@ -79,6 +76,6 @@ def adopt(function: Any) -> None:
 def _cache_of(function: Any, options: dict[str, Any]) -> _Cache | None:
     try:
         return _Cache(function, options)
-    except (RuntimeError, OSError):  # numba found no folder
+    except RuntimeError:  # numba found no folder
         warn_once(f"neither {Path(function.__code__.co_filename).parent} nor the user's cache folder can be written")
         return None
