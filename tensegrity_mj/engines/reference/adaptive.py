@@ -4,7 +4,6 @@ a law that loses its solution, and outputs fall where they belong."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.marks import marks_of, output_times
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
-from tensegrity_mj.engines.reference.turns import turn_within
+from tensegrity_mj.engines.reference.turns import bisect, turn_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import check_energy
@@ -272,7 +271,7 @@ class ErrorControlled:
         stuck = guard(solver.y, self.table) == SINGULAR
         if stuck:
             dense = self._interpolant()
-            end, _ = _bisect(lambda t: guard(dense(t), self.table) != SINGULAR, solver.t_old, solver.t)
+            end, _ = bisect(lambda t: guard(dense(t), self.table) != SINGULAR, solver.t_old, solver.t, SWITCH_TOLERANCE)
         at_end = self._interpolant()(end) if stuck else solver.y
         if self.continuous and self._feasible(end, at_end) == bool(self.plant["suspended"]):
             switched, stuck = True, False
@@ -316,7 +315,7 @@ class ErrorControlled:
     def _locate(self, dense: Any, start: float, end: float) -> float:
         """The time within a step at which the law loses or regains its solution, by bisection."""
         was = not self.plant["suspended"]
-        before, after = _bisect(lambda t: self._feasible(t, dense(t)) == was, start, end)
+        before, after = bisect(lambda t: self._feasible(t, dense(t)) == was, start, end, SWITCH_TOLERANCE)
         # On the far side when regained (the law must have a solution there), on the near side when lost.
         return before if was else after
 
@@ -376,19 +375,3 @@ class ErrorControlled:
             self.times[: self.next], self.rows[: self.next], Status.DIVERGED, cause, self.clock.seconds
         )
         raise DivergenceError(f"the integration stopped at t = {t:.6g} s: {cause}; {remedy}", t, partial)
-
-
-def _bisect(holds: Callable[[float], bool], start: float, end: float) -> tuple[float, float]:
-    """Two times between which something ends that holds at `start` and not at `end`.
-
-    They are SWITCH_TOLERANCE apart or, where times are coarser, neighbours.
-    """
-    while end - start > SWITCH_TOLERANCE:
-        middle = 0.5 * (start + end)
-        if not start < middle < end:
-            break
-        if holds(middle):
-            start = middle
-        else:
-            end = middle
-    return start, end

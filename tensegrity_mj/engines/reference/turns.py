@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,21 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.reference.equations import place
 
-HALVINGS = 60  # down to round-off of any step
+
+def bisect(holds: Callable[[float], bool], start: float, end: float, within: float = 0.0) -> tuple[float, float]:
+    """Two times between which something ends that holds at `start` and not at `end`.
+
+    They are so far apart [s] or, where times are coarser, neighbours.
+    """
+    while end - start > within:
+        middle = 0.5 * (start + end)
+        if not start < middle < end:
+            break
+        if holds(middle):
+            start = middle
+        else:
+            end = middle
+    return start, end
 
 
 def turn_within(plant: Plant, start: float, end: float, states: Any) -> float:
@@ -22,7 +37,7 @@ def turn_within(plant: Plant, start: float, end: float, states: Any) -> float:
         start, end: of the step.
         states: the function of times whose values are the states.
     """
-    yields, first = plant["yields"].astype(bool), end
+    yields = plant["yields"].astype(bool)
 
     def rates(time: float) -> Array:
         place(np.ascontiguousarray(states(time)), plant.address)
@@ -31,11 +46,4 @@ def turn_within(plant: Plant, start: float, end: float, states: Any) -> float:
     turning: NDArray[np.bool_] = yields & (rates(start) > 0) & (rates(end) < 0)
     if not turning.any():
         return end
-    low = start
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + first)
-        if np.any(rates(middle)[turning] <= 0):
-            first = middle
-        else:
-            low = middle
-    return first
+    return bisect(lambda time: not np.any(rates(time)[turning] <= 0), start, end)[1]
