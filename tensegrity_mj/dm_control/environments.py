@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from types import NoneType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,8 +90,7 @@ class SceneEnvironment:
         for name, value in (("reward", reward), ("termination", termination)):
             if value is not None and not callable(value):
                 raise OptionError(f"{name} = {value!r}; it must be a function (scene, nodes, velocities, u)")
-        if start is not None and not isinstance(start, RandomStart):
-            raise OptionError(f"start = {start!r}; use RandomStart(displacement, speed, seed)")
+        instance("start", start, (RandomStart, NoneType), "use RandomStart(displacement, speed, seed)")
         for event in scene.breaks:
             whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
         low, high = _bounds(scene, action, self.bounds)

@@ -13,13 +13,14 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, field
+from types import NoneType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, real_array
+from tensegrity_mj.basics.checks import finite, instance, real_array
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
@@ -138,8 +139,7 @@ class StepSearch:
             return step_of(model, stepping, self.time)
 
     def _check(self) -> None:
-        if not isinstance(self.scene, Scene):
-            raise OptionError(f"scene = {self.scene!r}; use a Scene, or load_scene(name or path)")
+        instance("scene", self.scene, Scene, "use a Scene, or load_scene(name or path)")
         engine = self.engine
         if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
             raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
@@ -147,10 +147,9 @@ class StepSearch:
             limit, found, setting = refused
             who = " with ".join(part for part in (engine.descriptor.title, setting) if part)
             raise limit.error(f"{who} refuses the scene: {found}: {limit.reason}; {limit.remedy}")
-        if self.run is not None and not isinstance(self.run, Trajectory):
-            raise OptionError(f"run = {self.run!r}; use a trajectory, as simulate(...) returns it")
-        if self.actuation is not None and not isinstance(self.actuation, Actuation):
-            raise OptionError(f"actuation = {self.actuation!r}; use Actuation.continuous() or one of the hold modes")
+        instance("run", self.run, (Trajectory, NoneType), "use a trajectory, as simulate(...) returns it")
+        use = "use Actuation.continuous() or one of the hold modes"
+        instance("actuation", self.actuation, (Actuation, NoneType), use)
         if finite("time", self.time, " [s]") < 0:
             raise OptionError(f"time = {self.time!r}; it must be >= 0 s, as in a run")
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member, state_of
+from tensegrity_mj.basics.checks import instance, member, state_of
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -62,8 +62,7 @@ class CompiledLaw:
             raise OptionError(
                 f"CompiledLaw: function = {self.function!r}; it must be a function that numba can compile"
             )
-        if not isinstance(self.structure, Structure):
-            raise OptionError(f"CompiledLaw: structure = {self.structure!r}; use a Structure (scene.structure)")
+        instance("CompiledLaw: structure", self.structure, Structure, "use a Structure (scene.structure)")
         object.__setattr__(self, "structure", self.structure.massless)
         member("CompiledLaw: command", self.command, Command)
         try:
