@@ -150,20 +150,18 @@ class LinkedRecords:
     @cached_property
     def _translations(self) -> IntArray:
         """(3, n): rod, component, and place in q of every z of the rods."""
-        found = [
-            (link["rod"], k, self.rods[link["rod"]]["q"] + k) for link in self.links for k in range(int(link["nz"]))
-        ]
-        return np.array(found, np.int64).reshape(-1, 3).T
+        return self._numbered(self.links["nz"], 0 * self.links["nz"])
 
     @cached_property
     def _rotations(self) -> IntArray:
         """(3, n): the same of every component of b."""
-        found = [
-            (link["rod"], k, self.rods[link["rod"]]["q"] + link["nz"] + k)
-            for link in self.links
-            for k in range(int(self.rods[link["rod"]]["nb"]))
-        ]
-        return np.array(found, np.int64).reshape(-1, 3).T
+        return self._numbered(self.rods["nb"][self.links["rod"]], self.links["nz"])
+
+    def _numbered(self, counts: IntArray, before: IntArray) -> IntArray:
+        """As above, of so many coordinates of each link, which stand behind so many."""
+        rows, k = np.nonzero(np.arange(3) < counts[:, None])
+        rods = self.links["rod"][rows]
+        return np.stack([rods, k, self.rods["q"][rods] + before[rows] + k])
 
     def place(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Node positions and velocities (N, 3) of q and q̇ (nq,), with the motions as they are now."""

@@ -52,14 +52,9 @@ class MinimalRecords:
         require_class_1(structure, "minimal coordinates are")
         records = StructureRecords.of(structure)
         rods, points = records.rods.copy(), records.points.copy()
-        offset = 0
-        for rod in rods:
-            rod["q"] = offset
-            offset += int(rod["nz"] + rod["nb"]) - 1
-        for point in points:
-            point["q"] = offset
-            offset += int(point["nz"])
-        return cls(structure, rods, points, offset)
+        rods["q"] -= np.arange(len(rods))  # every rod has a coordinate less
+        points["q"] -= len(rods)
+        return cls(structure, rods, points, records.nq - len(rods))
 
     def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
         """q (nq,) and q̇ (nq,) of node positions and velocities (N, 3).
@@ -187,7 +182,7 @@ def place_minimal(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, veloci
 def minimal_accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any) -> None:
     """q̈ (nq,) of M q̈ = H (g + Φᵀ f), and λ (R,) of (2.36), for nodal forces (N, 3) [N]: z̈ first, then β̈.
 
-    `members`: `kernels.Members`, or what has such fields.
+    `members`: as in `kernels.accelerations`.
 
     At a pole of a rod, sin φ = 0, its θ̈ is not finite; all else is.
     """
