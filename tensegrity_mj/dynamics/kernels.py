@@ -10,29 +10,13 @@ say which directions they may have. Forces reach a rod only through t_r (conjuga
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
-
-
-class Members(NamedTuple):
-    """Rods and point masses as records, and what they are subject to.
-
-    Attributes:
-        rods, points: of `ROD` and `POINT`.
-        gravity: (3,) [m/s²].
-        kp, kd: Baumgarte's gains of (3.25), zero for none.
-    """
-
-    rods: Any
-    points: Any
-    gravity: Any
-    kp: float = 0.0
-    kd: float = 0.0
 
 
 @njit
@@ -244,8 +228,10 @@ def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
 def accelerations(
     members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any, added: Any = None
 ) -> float:
-    """q̈ (nq,) and λ (R,) of `Members`, or what has such fields, for nodal forces (N, 3) [N].
+    """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N].
 
+    `members` has records of `ROD` and `POINT`, gravity [m/s²], and Baumgarte's gains of (3.25), zero for none: `rods`,
+    `points`, `gravity`, `kp` and `kd`.
     Returns the power [W] of added mass, whose forces are not written. With it there are `velocities` of nodes besides.
     """
     rods, gravity, kp, kd, power = members.rods, members.gravity, members.kp, members.kd, 0.0

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from members import Members
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Allocation, FeedbackLinearization, Sum, WhenInfeasible
-from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library.cross import cross, cross_nodes

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from members import Members
 from random_laws import random_law as random_lyapunov
 
 import tensegrity_mj as tmj
@@ -16,7 +17,7 @@ from tensegrity_mj.controllers import LAWS, Gains, Onto, Projection, from_scene
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.controllers.landscape import Landscape, angles
 from tensegrity_mj.controllers.limits import StringLimits
-from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes

@@ -9,9 +9,10 @@ from __future__ import annotations
 import natural_coordinates as natural
 import numpy as np
 import pytest
+from members import Members
 
 import tensegrity_mj as tmj
-from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference.engine import integrate
 from tensegrity_mj.library.random_structures import random_scene, random_structure

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import truth
 from engine_accelerations import dae_accelerations, ode_accelerations
+from members import Members
 from momenta import angular_momentum, linear_momentum
 from numpy.typing import NDArray
 from random_states import random_state
@@ -16,7 +17,6 @@ from stedy import largest_frequency, scene_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
-from tensegrity_mj.dynamics.kernels import Members
 from tensegrity_mj.dynamics.minimal import (
     MinimalRecords,
     minimal_accelerations,

@@ -20,9 +20,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 import truth
+from members import Members
 from numpy.typing import NDArray
 
-from tensegrity_mj.dynamics.kernels import Members, accelerations
+from tensegrity_mj.dynamics.kernels import accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.model import rods
