@@ -112,7 +112,8 @@ def test_each_kind_is_what_it_says() -> None:
     assert all(one is not None and (one.viscous or one.bending or one.drag) for one in resisted)
     assert {one.bending is None for one in resisted if one is not None} == {True, False}
     assert all(one.scene.contact is not None for one in drawn(Kind.CONTACT))
-    assert {bool(one.excess and one.excess > 1) for one in drawn(Kind.PAST_LIMIT)} == {True, False}
+    for kind in (Kind.PAST_LIMIT, Kind.MEMBER_PAST_LIMIT):
+        assert {bool(one.excess and one.excess > 1) for one in drawn(kind)} == {True, False}
     assert all(len(one.scene.structure.strings[-1].nodes) >= 3 for one in drawn(Kind.THREADED))
     assert all(one.scene.structure.ropes for one in drawn(Kind.MASSIVE))
     bars = [one.scene.structure.rod_stiffness[0] for one in drawn(Kind.ELASTIC, 40)]
@@ -367,7 +368,8 @@ def test_a_touch_is_a_kink(run: tmj.Trajectory) -> None:
 
 
 def test_what_a_script_of_ones_own_cannot_do_is_not_made_by_hand() -> None:
-    for kind, can in ((Kind.JOINED, True), (Kind.MOVED, False), (Kind.CONTACT, True)):
+    kinds = ((Kind.JOINED, True), (Kind.MOVED, False), (Kind.CONTACT, True), (Kind.BODY, True))
+    for kind, can in (*kinds, (Kind.CONSTRAINED, False), (Kind.CURVED, False)):
         setups = [draw_setup(np.random.default_rng([1, number]), kind) for number in range(30)]
         assert {naive.applies(one) for one in setups if not one.engine.startswith(("dae", "ode"))} == {can}
 

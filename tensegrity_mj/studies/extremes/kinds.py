@@ -278,6 +278,14 @@ def _past_limit(rng: Rng) -> Experiment:
     return Experiment(_scene(rng, structure), excess=excess, engines=FIXED_STEP, facts={"step over limit": excess})
 
 
+def _member_past_limit(rng: Rng) -> Experiment:
+    draws = (members.threaded, members.massive, members.elastic, members.curved, members.body, members.constrained)
+    structure, facts = (*draws, members.carried)[int(rng.integers(7))](rng)
+    excess = log_uniform(rng, 0.5, 100.0)
+    facts |= {"step over limit": excess}
+    return Experiment(_scene(rng, structure), excess=excess, engines=FIXED_STEP, facts=facts)
+
+
 def _spin(rng: Rng) -> Experiment:
     rods, tied = int(rng.integers(1, 6)), bool(rng.integers(2))
     structure = random_structure(
@@ -343,5 +351,6 @@ class Kind(enum.Enum):
     BODY = ("rigid bodies", partial(_with_member, members.body))
     CONSTRAINED = ("linear constraints on nodes", partial(_with_member, members.constrained))
     CARRIED = ("masses on rods and dampers on nodes", partial(_with_member, members.carried))
+    MEMBER_PAST_LIMIT = ("steps near and past the limit, of all these members", _member_past_limit)
     LARGE = ("500 rods", _large)
     LONG = ("1e6 steps", _long)

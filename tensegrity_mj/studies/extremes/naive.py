@@ -24,9 +24,9 @@ from tensegrity_mj.studies.extremes.verdicts import USEFUL
 
 def applies(setup: Setup) -> bool:
     """Whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
-    scene = setup.experiment.scene
-    resisted = scene.resistance is not None or any(point.damping for point in scene.structure.point_masses)
-    plain = not scene.motions and not resisted and scene.water is None
+    scene, structure = setup.experiment.scene, setup.experiment.scene.structure
+    resisted = scene.resistance is not None or any(point.damping for point in structure.point_masses)
+    plain = not (scene.motions or resisted or scene.water or structure.constraints) and structure.curves.linear
     return plain and not setup.engine.startswith(("dae", "ode"))
 
 

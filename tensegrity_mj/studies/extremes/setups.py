@@ -85,8 +85,8 @@ def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
         TensegrityError: where the scene that was drawn is refused.
     """
     experiment = kind.draw(rng)
-    able = [name for name in ENGINES if refusal(engine_of(name, 1e-6), experiment.scene) is None]
-    engine = str(rng.choice(experiment.engines or able))
+    wanted = experiment.engines or ENGINES
+    engine = str(rng.choice([one for one in wanted if refusal(engine_of(one, 1e-6), experiment.scene) is None]))
     here = pace(experiment.scene, experiment.force_density)
     rate = here.fastest + experiment.rate
     cycles = log_uniform(rng, *experiment.cycles)
@@ -99,8 +99,8 @@ def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
     elif experiment.excess:
         steps = PAST_STEPS
     else:
-        wanted = cycles * 2 * math.pi / rate / step
-        steps = GRAIN * max(1, min(MOST_STEPS // GRAIN, round(wanted / GRAIN)))
+        count = cycles * 2 * math.pi / rate / step
+        steps = GRAIN * max(1, min(MOST_STEPS // GRAIN, round(count / GRAIN)))
     duration = steps * step if engine in FIXED_STEP else cycles * 2 * math.pi / rate
     return Setup(kind, experiment, engine, step, log_uniform(rng, 1e-9, 1e-5), duration, here, rate)
 
