@@ -22,8 +22,6 @@ from mujoco.batch import Batch
 
 import tensegrity_mj as tmj
 
-ROBOTS = (1, 64, 1024)
-
 
 class Measure:
     """One scene and integrator, with a number of robots."""
@@ -93,10 +91,11 @@ def passive(time, nodes, velocities, string_nodes, parameters, command):  # type
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", nargs="?", default="six_bar_drop")
+    parser.add_argument("--robots", type=int, nargs="+", default=[1, 64, 1024])
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--timestep", type=float, default=5e-4, help="[s]")
-    parser.add_argument("--steps", type=int, default=100, help="of each robot (100), or so many of a single one")
+    parser.add_argument("--steps", type=int, default=100, help="of each of many robots (100); ten times as many of one")
     parser.add_argument("--cpu", action="store_true", help="CPU time of all threads, on a busy machine")
     options = parser.parse_args()
     if options.cpu:
@@ -106,7 +105,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for integrator in (tmj.Integrator.RK4, tmj.Integrator.EULER):
         engine = tmj.MuJoCo(options.timestep, integrator)
-        for robots in ROBOTS:
+        for robots in options.robots:
             threads = min(options.threads, robots)
             measure = Measure(scene, engine, robots, threads, options.steps * (10 if robots == 1 else 1))
             rounds = [measure.rates() for _ in range(options.repeats + 1)][1:]  # the first compiles
