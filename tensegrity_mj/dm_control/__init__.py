@@ -20,9 +20,10 @@ require_dm_control()
 from tensegrity_mj.dm_control.elements import adopt_options as adopt_options  # noqa: E402 - after the check
 from tensegrity_mj.dm_control.elements import element as element  # noqa: E402
 from tensegrity_mj.dm_control.environments import environment as environment  # noqa: E402
-from tensegrity_mj.dm_control.episodes import RandomStart as RandomStart  # noqa: E402
+from tensegrity_mj.dm_control.environments import task_environment as task_environment  # noqa: E402
 from tensegrity_mj.dm_control.models import physics as physics  # noqa: E402
 from tensegrity_mj.dm_control.repairing import repair as repair  # noqa: E402
+from tensegrity_mj.studies.tasks.starts import RandomStart as RandomStart  # noqa: E402
 
 if TYPE_CHECKING:  # these subclass dm_control's own classes, which are repaired before they are imported
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity

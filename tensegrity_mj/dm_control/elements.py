@@ -45,14 +45,19 @@ def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | No
 
     Raises:
         OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
-        StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, and for what
-            MuJoCo cannot hold.
+        StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, for bodies, and
+            for what MuJoCo cannot hold.
         SceneError: for supports that move, and for water, which adds mass to rods.
     """
     if scene.contact is not None:
         raise OptionError(
             f"scene '{scene.name}' has contact, whose floor and solver options belong to a whole model: attach "
             "scene.with_(contact=None) and give the arena what it is to touch, or use physics(scene) or an Environment"
+        )
+    if scene.structure.bodies:
+        raise StructureError(
+            f"'{scene.structure.bodies[0].name}' is a body (structure.bodies): PyMJCF elements are for rods and point "
+            "masses; use physics(scene) or an Environment"
         )
     options = MuJoCo()
     options.model(scene)  # for its errors

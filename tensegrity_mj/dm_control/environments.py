@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from types import NoneType
 from typing import TYPE_CHECKING
 
@@ -12,18 +12,26 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, member, positive, real_array
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.dm_control.repairing import repair
 from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.tasks.definition import Task, target_distance
+from tensegrity_mj.studies.tasks.robots import task_of
+from tensegrity_mj.studies.tasks.starts import RandomStart
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment
+
+    from tensegrity_mj.dm_control.tasks import Reward, Termination
+
+
+OBSERVED = ("nodes", "velocities", "string_lengths", "rest_lengths", "tensions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +88,7 @@ class SceneEnvironment:
         member("action", action, Command)
         timestep = positive("timestep", self.timestep, "s")
         control_timestep = positive("control_timestep", self.control_timestep, "s")
-        substeps = whole_ratio(control_timestep, timestep, "control_timestep over timestep")
+        whole_ratio(control_timestep, timestep, "control_timestep over timestep")
         limit = positive("time_limit", scene.duration if self.time_limit is None else self.time_limit, "s")
         steps = whole_ratio(limit, control_timestep, "time_limit over control_timestep")
         if not scene.structure.strings:
@@ -94,20 +102,45 @@ class SceneEnvironment:
         for event in scene.breaks:
             whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
         low, high = _bounds(scene, action, self.bounds)
-        model = physics(scene, timestep, self.integrator, action)
-        repair()
-        from dm_control.rl.control import Environment
-
-        from tensegrity_mj.dm_control.tasks import TensegrityTask
-
-        task = TensegrityTask(scene, action, control_timestep, low, high, reward, termination, start)
-        # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
-        return Environment(
-            model, task, time_limit=(steps - 0.5) * substeps * model.timestep(), n_sub_steps=substeps, legacy_step=True
-        )
+        observed = OBSERVED if scene.target is None else (*OBSERVED, "target")
+        engine = MuJoCo(timestep, self.integrator)
+        task = Task(scene, target_distance, low, high, observed, action, control_timestep, steps, engine, start)
+        return _environment_of(task, reward, termination)
 
 
 environment = function_of(SceneEnvironment)
+
+
+def task_environment(task: str | Task, seed: int = 0) -> Environment:
+    """A task of `tensegrity_mj.gymnasium` as dm_control plays it: the same limits, observations, reward and starts.
+
+    An action is a rest length [m] a string. `env.task.terms(env.physics)` has the terms of the last reward.
+
+    Args:
+        task: SixBarRoll, PrismReach or SpineReach, or a `tensegrity_mj.studies.tasks.Task`.
+        seed: of the whole sequence of episodes.
+
+    Raises:
+        OptionError: for a task that is none; on `step` and `reset` as `environment`.
+    """
+    found = task_of(task)
+    start = found.start or RandomStart()
+    return _environment_of(replace(found, start=replace(start, seed=seed)), None, None)
+
+
+def _environment_of(task: Task, reward: Reward | None, termination: Termination | None) -> Environment:
+    engine = task.engine
+    model = physics(task.scene, engine.timestep, engine.integrator, task.action)
+    repair()
+    from dm_control.rl.control import Environment
+
+    from tensegrity_mj.dm_control.tasks import TensegrityTask
+
+    substeps = whole_ratio(task.period, engine.timestep, "control_timestep over timestep")
+    # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
+    limit = (task.steps - 0.5) * substeps * model.timestep()
+    played = TensegrityTask(task, reward, termination)
+    return Environment(model, played, time_limit=limit, n_sub_steps=substeps, legacy_step=True)
 
 
 def _bounds(scene: Scene, action: Command, given: tuple[ArrayLike, ArrayLike] | None) -> tuple[Array, Array]:

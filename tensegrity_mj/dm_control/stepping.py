@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from dm_control.mujoco import Physics
 from dm_control.rl.control import PhysicsError
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dm_control.readings import HeldForces, StringActuators, point_velocities
@@ -157,28 +157,10 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         """Back to the scene's start, with the structure as designed."""
         super().reset(keyframe_id)
         self.data.ptr.qvel[:] = initial_velocities(self.scene)
-        self._settle()
+        self.settle()
 
-    def displace(self, displacement: Array, velocity: Array) -> None:
-        """Move from the current state by (nv,) [m, rad], and change the velocities by (nv,) [m/s, rad/s].
-
-        In MuJoCo's degrees of freedom, so that rods keep their lengths and their supports.
-        """
-        data = self.data.ptr
-        mujoco.mj_integratePos(self.model.ptr, data.qpos, displacement, 1.0)
-        data.qvel += velocity
-        self._settle()
-
-    def turning_axially(self) -> NDArray[np.bool_]:
-        """Which degrees of freedom (nv,) turn a rod about its own axis, which moves nothing."""
-        model, found = self.model.ptr, np.zeros(self.model.nv, bool)
-        last = {int(mujoco.mjtJoint.mjJNT_FREE): 5, int(mujoco.mjtJoint.mjJNT_BALL): 2}
-        for kind, address in zip(model.jnt_type, model.jnt_dofadr, strict=True):
-            if int(kind) in last:
-                found[address + last[int(kind)]] = True
-        return found
-
-    def _settle(self) -> None:
+    def settle(self) -> None:
+        """Take up a start: the lengths there, and the structure as designed."""
         self.forward()  # for the lengths
         self.data.ptr.ctrl[: self._size] = self.string_actuators.designed(self.string_lengths())
         self.after_reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,40 +11,36 @@ from dm_control.rl import control
 from dm_env import specs
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.stepping import ScenePhysics, checked_command
-from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import ControllerError, OptionError
-from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.tasks.definition import State, Task
+from tensegrity_mj.studies.tasks.starts import displace
 
 # How far outside its bounds an action may be, relative to their size: single precision, rounded.
 ROUNDING = 1e-6
-MOST_DRAWS = 100  # of a random start, before it is given up
+# (scene, nodes (N, 3), velocities (N, 3), force densities (M,)) after a control step.
+Reward = Callable[[Scene, Array, Array, Array], float]
+Termination = Callable[[Scene, Array, Array, Array], float | None]
 
 
 class TensegrityTask(control.Task):  # type: ignore[misc]
-    """See `environment`, which makes it from checked options."""
+    """A task as dm_control plays it; see `environment`, which makes it from checked options.
 
-    def __init__(
-        self,
-        scene: Scene,
-        action: Command,
-        period: float,
-        low: Array,
-        high: Array,
-        reward: Reward | None,
-        termination: Termination | None,
-        start: RandomStart | None,
-    ) -> None:
-        self.scene, self.action = scene, action
-        self.period, self.low, self.high = period, low, high
-        self.reward, self.termination, self.start = reward, termination, start
-        self.names = [string.name for string in scene.structure.strings]
-        self._generator = None if start is None else np.random.default_rng(start.seed)
-        index = scene.structure.node_index
-        self._moving = [row for name, row in index.items() if name not in scene.structure.fixed_nodes]
+    Args:
+        task: what is commanded and observed, the reward, the start.
+        reward: in place of the task's.
+        termination: see `environment`.
+    """
+
+    def __init__(self, task: Task, reward: Reward | None = None, termination: Termination | None = None) -> None:
+        self.task, self.scene, self.action = task, task.scene, task.action
+        self.period, self.low, self.high = task.period, task.low, task.high
+        self.reward, self.termination, self.start = reward, termination, task.start
+        self.names = [string.name for string in task.scene.structure.strings]
+        self._generator = np.random.default_rng(None if task.start is None else task.start.seed)
+        self._goal = np.zeros(3)
+        self._before: State | None = None
 
     def initialize_episode(self, physics: ScenePhysics) -> None:
         """The scene's start (the reset went there), or one near it, at which nothing overlaps that may touch.
@@ -51,22 +48,10 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         Raises:
             OptionError: where so many draws overlap that hardly any would not.
         """
-        if self.start is None or self._generator is None:
-            return
-        still, inside = physics.turning_axially(), []
-        for _ in range(MOST_DRAWS):
-            drawn = self._generator.uniform(-1, 1, (2, len(still)))
-            drawn[:, still] = 0.0  # no axial spin: it would only be round-off's
-            physics.displace(self.start.displacement * drawn[0], self.start.speed * drawn[1])
-            contact = self.scene.contact
-            inside = [] if contact is None else overlaps(self.scene.structure, contact, physics.nodes())
-            if not inside:
-                return
-            physics.reset()
-        raise OptionError(
-            f"{self.start}: {MOST_DRAWS} starts in a row overlap what they may touch; in the last {inside[0]}: draw "
-            "smaller displacements, or begin farther away"
-        )
+        if self.start is not None:
+            displace(physics.model.ptr, physics.data.ptr, self.scene, self.start, self._generator)
+            physics.settle()
+        self._goal, self._before = self.task.draw_goal(self._generator), None
 
     def action_spec(self, physics: ScenePhysics) -> specs.BoundedArray:
         """(M,), a number a string; its name lists the strings, with tabs between, as dm_control does."""
@@ -87,35 +72,40 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
                 f"action ({self.action.value}) of string '{self.names[m]}' = {values[m]:.9g}; it must be within "
                 f"{self.low[m]:.9g} and {self.high[m]:.9g}: clip it to the action spec, or give other bounds"
             )
+        self._before = self.state(physics)
         physics.set_command(np.clip(values, self.low, self.high), self.period)
 
     def get_observation(self, physics: ScenePhysics) -> OrderedDict[str, Array]:
-        """nodes, velocities (N, 3), string_lengths, rest_lengths, tensions (M,); target (N, 3) if there is one."""
-        observation = OrderedDict(
-            nodes=physics.nodes(),
-            velocities=physics.velocities(),
-            string_lengths=physics.string_lengths(),
-            rest_lengths=physics.rest_lengths(),
-            tensions=physics.tensions(),
-        )
-        if self.scene.target is not None:
-            observation["target"] = self.target(physics)
-        return observation
+        """What the task observes, by its name; without another task nodes, velocities (N, 3), string_lengths,
+        rest_lengths, tensions (M,), and target (N, 3) if there is one."""
+        return OrderedDict((name, part[0]) for name, part in self.task.observe(self.state(physics)).items())
+
+    def state(self, physics: ScenePhysics) -> State:
+        """The robot now, the only one of n."""
+        velocities, before = physics.velocities(), self._before
+        seen = physics.string_lengths(), physics.rest_lengths(), physics.tensions()
+        rates = 0 * velocities if before is None else (velocities - before.velocities[0]) / self.period
+        parts = (np.array(physics.time()), physics.nodes(), velocities, *seen, rates, self._goal)
+        return State(*(part[None] for part in parts))
 
     def target(self, physics: ScenePhysics) -> Array:
         """Target node positions (N, 3) [m] at the current time."""
-        assert self.scene.target is not None
-        return target_nodes(self.scene.structure, self.scene.target, np.array([physics.time()]))[0]
+        return self.task.targets(self.state(physics))[0]
+
+    def terms(self, physics: ScenePhysics) -> dict[str, float]:
+        """The terms of the task's reward for the last control step."""
+        after = self.state(physics)
+        terms = self.task.terms(self.task, after if self._before is None else self._before, after)
+        return {name: float(term[0]) for name, term in terms.items()}
 
     def get_reward(self, physics: ScenePhysics) -> float:
-        """The caller's reward, or minus the mean distance [m] of the moving nodes from their targets.
+        """The caller's reward, or the sum of the task's terms.
 
         Raises:
             OptionError: where the caller's is no finite number.
         """
         if self.reward is None:
-            gaps = np.linalg.norm(physics.nodes() - self.target(physics), axis=1)
-            return -float(np.mean(gaps[self._moving]))
+            return sum(self.terms(physics).values())
         value, number = self._value_of(self.reward, physics)
         if not np.isfinite(number):
             raise OptionError(

@@ -9,7 +9,6 @@ from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, JOINED_CONTACT_
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
-    BODIES,
     BREAKS,
     CLASS_K,
     ELASTIC,
@@ -60,7 +59,6 @@ USES: Mapping[str, tuple[Limit, ...]] = {
             StructureError,
         ),
         Limit(MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
-        Limit(BODIES, "they are for rods and point masses", "use simulate, simulate_many or law_in", StructureError),
         Limit(
             ADDED_MASS,
             "they hold forces over a step, and that of added mass depends on the accelerations of each stage",

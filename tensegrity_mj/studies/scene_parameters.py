@@ -17,6 +17,7 @@ from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.studies.axes import Draw
 from tensegrity_mj.studies.motion_parameters import with_motions
 from tensegrity_mj.studies.parameter_values import (
     MEMBER,
@@ -64,6 +65,19 @@ def member_names(scene: Scene, path: str) -> list[str] | None:
     if not names:
         raise OptionError(f"{path}: [*] stands for each member of {', '.join(MEMBERS)}, nodes, ..., and there is none")
     return names
+
+
+def single_draws(scene: Scene, draws: Iterable[Draw]) -> tuple[Draw, ...]:
+    """Draws of which each has one parameter: those with [*] for each member by itself.
+
+    Raises:
+        OptionError: as `member_names`.
+    """
+    return tuple(
+        replace(draw, parameter=path)
+        for draw in draws
+        for path in member_names(scene, draw.parameter) or [draw.parameter]
+    )
 
 
 def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> Scene:

@@ -32,7 +32,7 @@ from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.parameter_values import encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
-from tensegrity_mj.studies.scene_parameters import member_names
+from tensegrity_mj.studies.scene_parameters import single_draws
 from tensegrity_mj.studies.table import measure
 from tensegrity_mj.studies.workers import Workers, workers_for
 
@@ -83,12 +83,7 @@ class Sweep:
             raise OptionError("Sweep: what is drawn needs a seed, so that it can be drawn again; give one, such as 0")
         if self.samples > 1 and not self.draws:
             raise OptionError(f"Sweep: samples = {self.samples}, and nothing is drawn; add draws, or leave it out")
-        single = (
-            replace(draw, parameter=path)
-            for draw in self.draws
-            for path in member_names(cast(Scene, self.scene), draw.parameter) or [draw.parameter]
-        )
-        object.__setattr__(self, "draws", tuple(single))
+        object.__setattr__(self, "draws", single_draws(cast(Scene, self.scene), self.draws))
         self._check()
 
     @property

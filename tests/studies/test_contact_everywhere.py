@@ -110,7 +110,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     contact = scene.contact
     assert contact is not None
     dm_control = pytest.importorskip("tensegrity_mj.dm_control")
-    from tensegrity_mj.dm_control import tasks
+    from tensegrity_mj.studies.tasks import starts as drawing
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
         start = dm_control.RandomStart(displacement, 1.0, 3)
@@ -125,7 +125,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     np.testing.assert_array_equal(drawn, starts(scene, 0.5, 20))
     # The first draw that overlaps nothing is the one without contact: no draw is spent before it is needed.
     np.testing.assert_array_equal(drawn[0], free[0])
-    monkeypatch.setattr(tasks, "MOST_DRAWS", 1)
+    monkeypatch.setattr(drawing, "MOST_DRAWS", 1)
     with pytest.raises(tmj.errors.OptionError, match=r"1 starts in a row overlap .*inside the floor: draw smaller"):
         starts(scene, 0.5, 20)
 

@@ -1,0 +1,201 @@
+"""A task as a Gymnasium environment: of one robot, and of many in one process. Both are the same robots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.studies.tasks.definition import Task
+from tensegrity_mj.studies.tasks.viewing import Viewer
+from tensegrity_mj.studies.tasks.world import LARGEST, Outcome, World
+
+RENDER_MODES = ("human", "rgb_array")
+NEVER = 2**62  # control periods: Gymnasium's own wrapper ends the episodes of one robot
+METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # what gymnasium.make reads of a class
+Array32 = NDArray[np.float32]
+Info = dict[str, Any]
+
+
+class TensegrityEnv(gymnasium.Env[Array32, Array32]):
+    """One robot: a `TensegrityVectorEnv` of one, whose episodes do not end by themselves.
+
+    Args:
+        task: the name of a task, or a `tensegrity_mj.studies.tasks.Task`.
+        render_mode: "rgb_array", or "human": a window that is renewed at each step.
+        options: `action`, `parameters`, `draws`: see `tensegrity_mj.studies.tasks.World`.
+
+    Attributes:
+        world, observation_slices: as of `TensegrityVectorEnv`.
+
+    Raises:
+        OptionError, StructureError, SceneError: for options that are out of range.
+        ControllerError: on `step`, for an action that is no number for each string.
+    """
+
+    metadata: Info = METADATA
+
+    def __init__(self, task: str | Task, render_mode: str | None = None, **options: Any) -> None:
+        self._one = one = TensegrityVectorEnv(1, task, NEVER, render_mode, AutoresetMode.DISABLED, **options)
+        self.world, self.observation_slices = one.world, one.observation_slices
+        self.render_mode, self.metadata = render_mode, one.metadata
+        self.action_space, self.observation_space = one.single_action_space, one.single_observation_space
+
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Array32, Info]:
+        """Begin an episode. There are no options."""
+        super().reset(seed=seed)
+        return self._one.begin([0], [self.np_random])[0], {}
+
+    def step(self, action: ArrayLike) -> tuple[Array32, float, bool, bool, Info]:
+        """A control period. The terms of the reward are in `info`."""
+        seen, reward, terminated, _, info = self._one.step(np.asarray(action)[None])
+        found = {name: part[0].item() for name, part in info.items() if not name.startswith("_")}
+        return seen[0], float(reward[0]), bool(terminated[0]), False, found
+
+    def render(self) -> Any:
+        """(480, 640, 3) uint8 with "rgb_array"."""
+        pictures = self._one.render()
+        return None if pictures is None else pictures[0]
+
+    def close(self) -> None:
+        """Close the window."""
+        self._one.close_extras()
+
+
+class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
+    """Many robots in this process, stepped on threads: the same as that many `TensegrityEnv`s, to the bit.
+
+    Args:
+        num_envs: of robots.
+        max_episode_steps: of an episode; the task's by default.
+        autoreset_mode: see `gymnasium.vector.AutoresetMode`.
+        task, render_mode: as of `TensegrityEnv`; "human" shows the first robot.
+        options: `action`, `parameters`, `draws`, `threads`: see `tensegrity_mj.studies.tasks.World`.
+
+    Attributes:
+        world: the robots.
+        observation_slices: where each part of an observation stands, by its name.
+
+    Raises:
+        OptionError, StructureError, SceneError, ControllerError: as `TensegrityEnv`.
+    """
+
+    metadata: Info = METADATA
+
+    def __init__(
+        self,
+        num_envs: int,
+        task: str | Task,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        if render_mode is not None:
+            check_known("render_mode", render_mode, RENDER_MODES, "mode")
+        self.world = world = World(task, num_envs, **options)
+        self.render_mode, self.observation_slices = render_mode, world.slices
+        self.single_action_space = Box(-1.0, 1.0, (len(world.task.low),), np.float32)
+        self.single_observation_space = Box(-LARGEST, LARGEST, (world.size,), np.float32)
+        self.num_envs = world.count
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._steps = world.task.steps if max_episode_steps is None else max_episode_steps
+        if not isinstance(autoreset_mode, AutoresetMode):
+            check_known("autoreset_mode", autoreset_mode, [mode.value for mode in AutoresetMode], "mode")
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = METADATA | {
+            "render_fps": round(1.0 / world.task.period),
+            "measured_error": dict(world.task.measured_error),
+            "autoreset_mode": self._mode,
+        }
+        self._viewer: Viewer | None = None
+        self._all = np.arange(self.num_envs)
+        self._ended = np.zeros(self.num_envs, bool)
+        self._generators: list[Any] = [None] * self.num_envs
+
+    def reset(self, *, seed: Any = None, options: Info | None = None) -> tuple[Array32, Info]:
+        """Begin episodes. Robot i has the seed seed + i, or its own of a list.
+
+        `options={"reset_mask": (n,) of bool}` begins those alone, and gives zeros for the others.
+
+        Raises:
+            ValueError: for a list of another length.
+        """
+        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if not _listed(seed) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: {len(seeds)} of them for {self.num_envs} robots; give one, or one each")
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
+        for number, one in enumerate(seeds):
+            if one is not None or self._generators[number] is None:
+                self._generators[number] = np.random.default_rng(one)
+        observation = np.zeros((self.num_envs, self.world.size), np.float32)
+        observation[mask] = self.begin(self._all[mask])
+        return observation, {}
+
+    def step(self, actions: ArrayLike) -> tuple[Array32, Any, Any, Any, Info]:
+        """A control period of those that are in an episode; what has ended begins anew, as the mode says."""
+        anew = self._ended.copy() if self._mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
+        go = ~anew
+        observation = np.zeros((self.num_envs, self.world.size), np.float32)
+        reward, diverged = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
+        out = self.world.step(self._all[go], np.asarray(actions)[go])
+        observation[go], reward[go], diverged[go] = out.observation, out.reward, out.diverged
+        observation[anew] = self.begin(self._all[anew])
+        self._show()
+        truncated = go & (self.world.steps >= self._steps)
+        info = self._info(go, out)
+        self._ended = diverged | truncated
+        ended = self._ended.copy()
+        if self._mode is AutoresetMode.SAME_STEP and ended.any():
+            final = {name: part.copy() for name, part in info.items()}
+            info |= {"final_obs": observation.copy(), "final_info": final}
+            info |= {"_final_obs": ended, "_final_info": ended.copy()}
+            observation[ended] = self.begin(self._all[ended])
+        return observation, reward, diverged, truncated, info
+
+    def render(self) -> Any:
+        """(480, 640, 3) uint8 of each robot with "rgb_array"."""
+        self._viewer = self._viewer or Viewer(self.world)
+        if self.render_mode == "rgb_array":
+            return tuple(self._viewer.pixels(number) for number in range(self.num_envs))
+        return self._viewer.show() if self.render_mode == "human" else None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window."""
+        if self._viewer is not None:
+            self._viewer.close()
+        self._viewer = None
+
+    def begin(self, ids: ArrayLike, generators: Sequence[Any] | None = None) -> Any:
+        """Begin an episode of these robots, with their own generators or others; their observations."""
+        numbers = np.asarray(ids, np.int64)
+        for number, generator in zip(numbers, generators or (), strict=False):
+            self._generators[number] = generator
+        self._ended[numbers] = False
+        seen = self.world.start(numbers, [self._generators[number] for number in numbers])
+        self._show()
+        return seen
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+    def _info(self, which: NDArray[np.bool_], out: Outcome) -> Info:
+        """Terms of the reward (n,), and of which robots they are."""
+        info: Info = {}
+        for name, term in (*out.terms.items(), ("diverged", out.diverged)):
+            info[name] = np.zeros(self.num_envs, term.dtype)
+            info[name][which], info[f"_{name}"] = term, which.copy()
+        return info
+
+
+def _listed(seed: Any) -> bool:
+    return isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim > 0)
