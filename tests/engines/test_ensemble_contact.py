@@ -14,6 +14,11 @@ from mujoco.batch import Batch
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Delayed, Noisy
 from tensegrity_mj.engines import driving
+from tensegrity_mj.engines.mujoco import many
+from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.model.actuation import OnInfeasible
+from tensegrity_mj.simulation import request_for
 
 STEP = 5e-4
 RK4 = tmj.MuJoCo(STEP)
@@ -121,6 +126,25 @@ def test_each_robot_may_have_ground_of_its_own() -> None:
         same(run, alone)
 
 
+def test_work_of_contacts_and_of_a_moved_hook_are_counted_side_by_side() -> None:
+    drop = tmj.load_scene("six_bar_drop")
+    structure = drop.structure
+    nodes: dict[str, Any] = dict(zip(structure.node_names, structure.positions, strict=True))
+    top = max(nodes, key=lambda name: nodes[name][2])
+    line = replace(structure.strings[0], name="line", nodes=("hook", top))
+    nodes["hook"] = nodes[top] + [0.0, 0.0, 0.3]
+    hooked = replace(structure, nodes=nodes, fixed_nodes=("hook",), strings=(*structure.strings, line))
+    times = np.array([0.0, 0.5])
+    lowered = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, -0.1]])
+    motion = tmj.model.Motion.data("hook", times, lowered, 0 * lowered, 0 * lowered)
+    floor = replace(drop.contact, floor=float(structure.positions[:, 2].min()) - 0.035)
+    scene = tmj.Scene(hooked, gravity=drop.gravity, contact=floor, motions=(motion,))
+    alone = tmj.simulate(scene, None, RK4, duration=0.4)
+    assert max(alone.reports["contact"]["touching"]) >= 1
+    for run in tmj.simulate_many([scene] * 3, None, RK4, duration=0.4, threads=2):
+        same(run, alone)
+
+
 def test_scenes_that_touch_in_other_ways_are_refused() -> None:
     scene = tmj.load_scene("six_bar_drop")
     rods = scene.with_(contact=tmj.model.Contact(rods=True))
@@ -137,6 +161,22 @@ def test_held_commands_delays_and_noise_with_contact() -> None:
         alone = tmj.simulate(scene, one, RK4, duration=0.6, actuation=hold)
         for run in tmj.simulate_many([scene] * 3, one, RK4, duration=0.6, actuation=hold, threads=2):
             same(run, alone)
+
+
+def test_a_run_that_enters_again_remembers_nothing() -> None:
+    scene = tmj.load_scene("prism_drop")
+    rough = scene.with_(contact=replace(scene.contact, friction=0.1))
+    requests = [request_for(one, None, 0.4, None, OnInfeasible.STOP, None, False) for one in (scene, rough)]
+    ensemble = MuJoCoEnsemble(RK4, requests, 1)
+    with installed(ensemble.guide, many.many_runs):
+        ensemble.batch.step(nstep=round(0.3 / STEP))  # it has landed
+    for number in (0, 1):  # the other way round
+        ready = ensemble.prepare(requests[1 - number].scene)
+        ensemble.give_models({number: ready})
+        ensemble.enter(number, requests[1 - number], ready)
+    ensemble.run()
+    for member, one in zip(ensemble.members, (rough, scene), strict=True):
+        same(member.conclude(0.0), tmj.simulate(one, None, RK4, duration=0.4))
 
 
 def test_one_that_ends_early_stops_no_other_that_touches() -> None:
