@@ -48,12 +48,12 @@ def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
     from tensegrity_mj.basics.files import write_text
     from tensegrity_mj.basics.jsontext import to_json
     from tensegrity_mj.pictures.figure import save_figure
-    from tensegrity_mj.studies.stability import figures, page
+    from tensegrity_mj.studies.stability.page import page_of, pictures
 
     write_text(folder / "stability.json", to_json(data) + "\n")
-    for name, (figure, _) in figures.pictures(data).items():
+    for name, (figure, _) in pictures(data).items():
         save_figure(figure, folder / f"{name}.png", SMALL_DPI if small else None)
-    return page.page_of(data).write(folder / "index.html")
+    return page_of(data).write(folder / "index.html")
 
 
 def _law_of(scene: Any, options: argparse.Namespace) -> Any:

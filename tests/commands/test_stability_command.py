@@ -10,8 +10,8 @@ from command_words import choices_of
 
 from tensegrity_mj.cli import main
 from tensegrity_mj.studies.engine_names import NAMES, TITLES
-from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
+from tensegrity_mj.studies.stability.page import pictures
 from tensegrity_mj.studies.stability.report import describe
 
 SMALL = ["pinned_rod", "--engines", "euler", "rk4", "--maps", "damping", "--quick", "--random", "2", "--workers", "1"]
@@ -48,7 +48,7 @@ def test_a_small_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert main(["stability", *SMALL, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert {**again, "out": None} == {**data, "out": None}
-    assert sorted(figures.pictures(data)) == ["heat", "maps", "random"]
+    assert sorted(pictures(data)) == ["heat", "maps", "random"]
 
 
 def test_the_page_of_a_step_without_a_limit(tmp_path: Path) -> None:
