@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.checks import check_known, real_array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -44,18 +44,14 @@ def gain_records(
     names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
     sizes = [rod.support.translation_basis.shape[1] for rod in structure.rods]
     sizes += [point.translation_basis.shape[1] for point in structure.lone_masses]
-    for given in (translation, rotation):
-        if isinstance(given, Mapping):
-            for name in given:
-                if name not in names:
-                    raise OptionError(
-                        f"gains for '{name}', which is no rod or point mass; there are {', '.join(names)}"
-                    )
-    if isinstance(stiffness, Mapping):
-        rods = names[: len(structure.rods)]
-        for name in stiffness:
-            if name not in rods:
-                raise OptionError(f"stiffness K for '{name}', which is no rod; there are {', '.join(rods)}")
+    rods = names[: len(structure.rods)]
+    for what, given, known, kind in (
+        ("translation", translation, names, "rod or point mass"),
+        ("rotation", rotation, names, "rod or point mass"),
+        ("stiffness K", stiffness, rods, "rod"),
+    ):
+        for name in given if isinstance(given, Mapping) else ():
+            check_known(what, name, known, kind)
     records = np.zeros(len(names), GAINS)
     for number, (name, size) in enumerate(zip(names, sizes, strict=True)):
         blocks = [("z", translation, size)]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.basics.checks import check_known, instance
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import not_negative, positive
 from tensegrity_mj.controllers.lyapunov import Lyapunov
@@ -155,8 +155,5 @@ def _rod_number(structure: Structure, rod: str | None) -> int:
         raise OptionError(f"structure '{structure.name}' has no rods")
     if rod is None:
         return 0
-    if rod not in names:
-        raise OptionError(
-            f"rod = {rod!r}: structure '{structure.name}' has no such rod; its rods are {', '.join(names)}"
-        )
+    check_known(f"structure '{structure.name}'", rod, names, "rod")
     return names.index(rod)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.errors import SceneError, StructureError, TensegrityError
@@ -75,23 +76,17 @@ def _joined(structure: Structure) -> str:
     return f"rods {rods} share node '{name}'"
 
 
-def _closed(structure: Structure) -> str:
+def _closed(scene: Scene) -> str:
     from tensegrity_mj.model.forest import spanning_forest
 
-    closures = spanning_forest(structure).closures
-    return f"rods close a loop at node '{structure.node_names[closures[0][0]]}'" if closures else ""
+    closures = spanning_forest(scene.structure).closures
+    return f"rods close a loop at node '{scene.structure.node_names[closures[0][0]]}'" if closures else ""
 
 
-def _first(items: list[str]) -> str:
-    return items[0] if items else ""
-
-
-def _added(scene: Scene) -> str:
-    return _first([f"{one.label} adds mass to rods" for one in scene.effects if one.adds_mass])
-
-
-def _uneven(scene: Scene) -> str:
-    return _first([f"the mass that {one.label} adds is not symmetric" for one in scene.effects if not one.symmetric])
+def _first(words: str, members: str, has: Callable[[Any], bool] = lambda one: True) -> Callable[[Scene], str]:
+    """Words for the first of a scene's members, such as "structure.rods", that has something; it fills their braces."""
+    of = attrgetter(members)
+    return lambda scene: next((words.format(one) for one in of(scene) if has(one)), "")
 
 
 def _and(*traits: Callable[[Scene], str]) -> Callable[[Scene], str]:
@@ -108,6 +103,13 @@ def _and(*traits: Callable[[Scene], str]) -> Callable[[Scene], str]:
     return find
 
 
+_added = _first("{0.label} adds mass to rods", "effects", lambda one: one.adds_mass)
+_uneven = _first("the mass that {0.label} adds is not symmetric", "effects", lambda one: not one.symmetric)
+_constrained = _first("constraint '{0.name}' holds nodes", "structure.constraints")
+_bodies = _first("'{0.name}' is a body (structure.bodies)", "structure.bodies")
+_elastic = _first("rod '{0.name}' is elastic", "structure.rods", lambda rod: rod.stiffness is not None)
+
+
 def _contact(scene: Scene) -> str:
     return "" if scene.contact is None else f"scene '{scene.name}' has contact"
 
@@ -116,33 +118,10 @@ def _joined_rods(scene: Scene) -> str:
     return _joined(scene.structure)
 
 
-def _constrained(scene: Scene) -> str:
-    return _first([f"constraint '{one.name}' holds nodes" for one in scene.structure.constraints])
-
-
 def _pushing(scene: Scene) -> str:
-    structure = scene.structure
-    pairs = zip(structure.strings, structure.clipped, strict=True)
-    return _first([f"string '{one.name}' is damped and not clipped" for one, kept in pairs if one.damping and not kept])
-
-
-def _string_that(words: str, has: Callable[[Any], bool]) -> Callable[[Scene], str]:
-    """Words for the first string of a scene that has something."""
-    return lambda scene: _first([f"string '{one.name}' {words}" for one in scene.structure.strings if has(one)])
-
-
-def _bodies(scene: Scene) -> str:
-    return _first([f"'{body.name}' is a body (structure.bodies)" for body in scene.structure.bodies])
-
-
-def _elastic(scene: Scene) -> str:
-    return _first([f"rod '{rod.name}' is elastic" for rod in scene.structure.rods if rod.stiffness is not None])
-
-
-def _elastic_between(scene: Scene) -> str:
-    """An elastic rod that something holds between its ends."""
-    held = [rod for rod in scene.structure.rods if rod.stiffness is not None and rod.support.directions]
-    return _first([f"elastic rod '{rod.name}' is held between its ends" for rod in held if rod.support.sigma % 1])
+    pairs = zip(scene.structure.strings, scene.structure.clipped, strict=True)
+    names = (string.name for string, clipped in pairs if string.damping and not clipped)
+    return next((f"string '{name}' is damped and not clipped" for name in names), "")
 
 
 CONTACT = Trait("contact", _contact)
@@ -150,43 +129,45 @@ ELASTIC = Trait("elastic rods", _elastic)
 ELASTIC_JOINED = Trait("elastic rods in a structure whose rods share nodes", _and(_elastic, _joined_rods))
 ELASTIC_CONTACT = Trait("elastic rods and contact", _and(_elastic, _contact))
 ELASTIC_ADDED_MASS = Trait("elastic rods and added mass", _and(_elastic, _added))
-ELASTIC_HELD_BETWEEN = Trait("elastic rods held between their ends", _elastic_between)
+ELASTIC_HELD_BETWEEN = Trait(
+    "elastic rods held between their ends",
+    _first(
+        "elastic rod '{0.name}' is held between its ends",
+        "structure.rods",
+        lambda rod: rod.stiffness is not None and rod.support.directions and rod.support.sigma % 1,
+    ),
+)
 BODIES = Trait("bodies", _bodies)
 BODIES_IN_CONTACT = Trait("bodies and contact", _and(_bodies, _contact))
 CLASS_K = Trait("rods that share nodes", _joined_rods)
-CLOSED_LOOPS = Trait("closed loops", lambda scene: _closed(scene.structure))
-MOVED_SUPPORTS = Trait(
-    "moved supports",
-    lambda scene: f"support '{scene.motions[0].support}' moves (scene.motions)" if scene.motions else "",
-)
-BREAKS = Trait(
-    "strings that break",
-    lambda scene: f"string '{scene.breaks[0].string}' breaks (scene.breaks)" if scene.breaks else "",
-)
+CLOSED_LOOPS = Trait("closed loops", _closed)
+MOVED_SUPPORTS = Trait("moved supports", _first("support '{0.support}' moves (scene.motions)", "motions"))
+BREAKS = Trait("strings that break", _first("string '{0.string}' breaks (scene.breaks)", "breaks"))
 ADDED_MASS = Trait("added mass", _added)
 UNEVEN_MASS = Trait("added mass that is not symmetric, on rods that share nodes", _and(_uneven, _joined_rods))
 CONSTRAINTS = Trait("linear constraints on nodes", _constrained)
 ELEMENTS = Trait(
-    "elements beside loads",
-    lambda scene: _first([f"{one.label} acts on nodes" for one in scene.effects if one.label != "loads"]),
+    "elements beside loads", _first("{0.label} acts on nodes", "effects", lambda one: one.label != "loads")
 )
 ELEMENT_STATES = Trait(
     "elements with a state",
-    lambda scene: _first([f"{one.label} has a state (state0)" for one in scene.elements if one.has_state]),
+    _first("{0.label} has a state (state0)", "elements", lambda one: one.has_state),
 )
 PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
-YIELDING = Trait("strings that yield", _string_that("yields", lambda one: one.yields))
+YIELDING = Trait("strings that yield", _first("string '{0.name}' yields", "structure.strings", lambda one: one.yields))
 NOT_LINEAR = Trait(
-    "strings that are not linear", _string_that("has a curve, or a constant force", lambda one: not one.is_linear)
+    "strings that are not linear",
+    _first("string '{0.name}' has a curve, or a constant force", "structure.strings", lambda one: not one.is_linear),
 )
-OWN_LAWS = Trait("strings with a law of their own", _string_that("has a string_law", lambda one: one.string_law))
+OWN_LAWS = Trait(
+    "strings with a law of their own",
+    _first("string '{0.name}' has a string_law", "structure.strings", lambda one: one.string_law),
+)
 JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
 ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))
 CONSTRAINTS_IN_CONTACT = Trait("contact and linear constraints", _and(_constrained, _contact))
-CONSTRAINTS_IN_LOOPS = Trait(
-    "closed loops and linear constraints", _and(_constrained, lambda scene: _closed(scene.structure))
-)
-ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda scene: _closed(scene.structure)))
+CONSTRAINTS_IN_LOOPS = Trait("closed loops and linear constraints", _and(_constrained, _closed))
+ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, _closed))
 
 
 def refusal(engine: Any, scene: Scene) -> tuple[Limit, str, str] | None:

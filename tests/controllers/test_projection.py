@@ -289,7 +289,7 @@ def test_pictures_of_landscapes_show_the_runs_ways(tmp_path, mirror, runs):
 def test_landscapes_refuse_what_they_cannot_show(pinned_rod, prism, runs):
     with pytest.raises(tmj.errors.OptionError, match=r"gains of b that are numbers; Kb"):
         Landscape.of(from_scene(pinned_rod, "projection", stiffness=np.diag([1.0, 2.0, 3.0])))
-    with pytest.raises(tmj.errors.OptionError, match=r"rod = 'x'.*rod1, rod2, rod3"):
+    with pytest.raises(tmj.errors.OptionError, match=r"there is no rod 'x'.*rod1, rod2, rod3"):
         Landscape.of(from_scene(prism), "x")
     with pytest.raises(tmj.errors.OptionError, match="beta²"):
         Landscape(beta=2.0)
