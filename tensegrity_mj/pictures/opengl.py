@@ -13,7 +13,6 @@ import ctypes.util
 import functools
 import os
 import sys
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -98,7 +97,7 @@ def egl_devices() -> int:
         return 0
 
 
-class Canvas:
+class Canvas(contextlib.ExitStack):
     """An off-screen drawing area for one model; a context manager.
 
     Its OpenGL context is current only while it draws: several can be in use at a time, beside a viewer's.
@@ -114,32 +113,24 @@ class Canvas:
     def __init__(self, model: Any, width: int, height: int) -> None:
         import mujoco
 
+        super().__init__()
         self._mujoco = mujoco
-        self._stack = contextlib.ExitStack()
         self._pixels: Image = np.empty((0, 0, 4), np.uint8)
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
         self.backend = choose_backend()
         try:
             self._opengl = _context_class(self.backend)(width, height)
-            self._stack.callback(self._opengl.free)
+            self.callback(self._opengl.free)
             with self._opengl.as_current():
                 self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
                 mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-            self._stack.callback(self._free)
+            self.callback(self._free)
         except Exception as error:  # a driver or a binding may throw anything: ImportError, GLError, AttributeError
-            self._stack.close()
+            self.close()
             raise MissingLibraryError(
                 f"OpenGL ({self.backend}) cannot be opened ({type(error).__name__}: {error}): {_remedy()}"
             ) from error
-
-    def __enter__(self) -> Canvas:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._stack.close()
 
     def draw(self, scene: Any, width: int, height: int) -> Image:
         """Draw the MjvScene; returns pixels (height, width, 4), bottom row first, valid until the next call.

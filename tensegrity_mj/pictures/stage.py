@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +50,7 @@ class _Port:
     columns: tuple[int, int]
 
 
-class Stage:
+class Stage(contextlib.ExitStack):
     """Draws frames of one motion, or of two in one of the layouts; a context manager.
 
     Raises:
@@ -62,6 +61,7 @@ class Stage:
     def __init__(self, motion: Motion, other: Motion | None, layout: Layout, view: View) -> None:
         if not isinstance(layout, Layout):
             raise OptionError(f"layout={layout!r}: it must be Layout.OVERLAY or Layout.SIDE_BY_SIDE")
+        super().__init__()
         choose_backend()  # before any work, and before MuJoCo is imported
         self.motions = [motion] if other is None else [motion, other]
         self.view = view
@@ -71,7 +71,6 @@ class Stage:
         self._ghost = other if not self._split else None
         self.start = min(m.start for m in self.motions)
         self.end = max(m.end for m in self.motions)
-        self._stack = contextlib.ExitStack()
 
         width, height = view.size
         columns = 2 if self._split else 1
@@ -93,16 +92,8 @@ class Stage:
         try:
             self._open()
         except BaseException:
-            self._stack.close()
+            self.close()
             raise
-
-    def __enter__(self) -> Stage:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._stack.close()
 
     def moment(self, time: float | None) -> float:
         """A time [s] of the film, its end for None.
@@ -222,7 +213,7 @@ class Stage:
         model = make_model(self._surface, self.framing.terrain, self.framing.cell)
         port = self._ports[0]
         canvas = Canvas(model, *self._drawn_size(port))
-        self._canvas = self._stack.enter_context(canvas)
+        self._canvas = self.enter_context(canvas)
         needed = 2 * sum(geoms_needed(m.structure) for m in self.motions)
         capacity = needed + MAX_GRID_LINES + 2 * MAX_PIECES + 200
         self._painters, self._traces, self._drawn, self._colors = [], [], [], []
