@@ -226,20 +226,11 @@ def _meet(child: Part, to: Array, start: Array, where: str) -> None:
     normals = [np.cross(points[1] - points[0], points[2] - points[0]) for points in (start, to)]
     if not all(normal.any() for normal in normals):
         raise FormatError(f"{where}: its first three points lie on a line; choose others, which span a plane")
-    first = _turn(normals[0], normals[1], start[1] - start[0])
-    second = _turn(first.apply(start[0] - middle), to[0] - target, normals[1])
-    child.move(lambda at: target + second.apply(first.apply(at - middle)))
-
-
-def _turn(a: Array, b: Array, across: Array) -> Rotation:
-    """The rotation of a direction to another, about what is normal to both; about `across` where they are opposite."""
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    if np.linalg.norm(a - b) < 1e-5:
-        return Rotation.identity()
-    if np.linalg.norm(a + b) < 1e-5:
-        return Rotation.from_rotvec(math.pi * across / np.linalg.norm(across))
-    axis = np.cross(a, b)
-    return Rotation.from_rotvec(math.acos(float(np.clip(a @ b, -1, 1))) * axis / np.linalg.norm(axis))
+    # The normals come to lie upon each other; about them the first points are as near as they can be.
+    turn, _ = Rotation.align_vectors(
+        [normals[1], to[0] - target], [normals[0], start[0] - middle], weights=[math.inf, 1.0]
+    )
+    child.move(lambda at: target + turn.apply(at - middle))
 
 
 def read(path: Path, options: ImportOptions) -> Draft:
