@@ -15,8 +15,9 @@ from typing import Any
 
 from attrs import NOTHING
 
-from tensegrity_mj.basics.fields import Key, item_of
+from tensegrity_mj.basics.fields import Key, item_of, kind_of, registered
 from tensegrity_mj.basics.kinds import NUMBER, TEXT, list_schema, positive, vector
+from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
@@ -87,8 +88,10 @@ def _key(one: Key, about: str, parts: dict[str, Any]) -> dict[str, Any]:
 
 def _part(cls: type, parts: dict[str, Any]) -> dict[str, Any]:
     """A reference to the table of a class, which stands among the parts."""
-    if not is_dataclass(cls):  # it has kinds, and the rest is theirs
-        parts[cls.__name__] = {"type": "object", "properties": {"kind": TEXT}, "required": ["kind"]}
+    if cls is Element:
+        parts["Element"] = {"type": "object", "properties": {"kind": TEXT}, "required": ["kind"]}  # the rest is its own
+    elif not is_dataclass(cls):
+        parts[cls.__name__] = {"anyOf": [_part(one, parts) for one in registered(cls).values()]}
     elif cls is Target:
         tables = {key: {one: NODES if one == "nodes" else NUMBER for one in keys} for key, keys in BY_NUMBER.items()}
         target = {key: list_schema(_table(keys, list(keys)[:1])) for key, keys in tables.items()}
@@ -97,8 +100,9 @@ def _part(cls: type, parts: dict[str, Any]) -> dict[str, Any]:
         keys = _keys(cls, parts)
         maybe = next((SHARED[kind] for kind, one in SHARING.items() if one is cls), [])
         needed = [key for key, one in item_of(cls).keys.items() if one.default is NOTHING and key not in maybe]
-        if cls is Support:
-            keys, needed = {"kind": {"enum": list(SUPPORT_KEYS)}} | keys, ["kind"]
+        kinds = list(SUPPORT_KEYS) if cls is Support else [kind_of(cls)]
+        if any(kinds):
+            keys, needed = {"kind": {"enum": kinds}} | keys, ["kind", *needed]
         if cls is Section:
             keys, needed = {key: dict(positive().schema) for key in TUBE_KEYS} | keys, ["elasticity_modulus"]
         parts[cls.__name__] = _table(keys, needed)
