@@ -6,6 +6,8 @@ tangent plane at b₀, or b - b₀ of an elastic rod; for each point mass its tr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
@@ -14,7 +16,7 @@ from tensegrity_mj.dynamics.tree_matrices import loop_matrix
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.structure import Structure
 
-LOOP_RANK = 1e-9  # of the largest: below it, a loop says what others say already
+RANK = 1e-9  # of the largest: below it, a constraint says what others say already
 NEWTON_STEPS = 30
 
 
@@ -60,21 +62,26 @@ class Chart:
         self._turned = np.array(turned, np.int64).reshape(-1, 3).T
         self._parts = np.array(parts, np.int64).reshape(-1, 3).T
         self._all = len(names)
-        self._loops = loop_matrix(records)
-        self._chosen, self._determined = np.arange(self._all), np.arange(0)
-        if len(self._loops):
-            from scipy.linalg import qr
-
-            _, R, order = qr(self._slopes(np.zeros(self._all)), mode="economic", pivoting=True)
-            size = np.abs(np.diag(R))
-            rank = int(np.sum(size > LOOP_RANK * size[0]))
-            self._determined, self._chosen = np.sort(order[:rank]), np.sort(order[rank:])
-        self.names = tuple(names[k] for k in self._chosen)
-        self.size = len(self.names)
+        self._loops, self._start = loop_matrix(records), np.zeros(self._all)
+        self._choose(names)
 
     def state(self, delta: Array, rate: Array) -> tuple[Array, Array]:
         """Node positions and velocities (N, 3) of δ, δ̇ (n,)."""
         return self.records.place(*self._q(*self._completed(delta, rate)))
+
+    def _choose(self, names: Sequence[str]) -> None:
+        """Which coordinates the constraints determine, and which are left."""
+        self._chosen, self._determined = np.arange(len(names)), np.arange(0)
+        slopes = self._slopes(self._start)
+        if len(slopes):
+            from scipy.linalg import qr
+
+            _, R, order = qr(slopes, mode="economic", pivoting=True)
+            sizes = np.abs(np.diag(R))
+            rank = int(np.sum(sizes > RANK * sizes.max(initial=0.0)))
+            self._determined, self._chosen = np.sort(order[:rank]), np.sort(order[rank:])
+        self.names = tuple(names[k] for k in self._chosen.tolist())
+        self.size = len(self.names)
 
     @property
     def has_loops(self) -> bool:
@@ -160,24 +167,29 @@ class Chart:
         return out
 
     def _completed(self, delta: Array, rate: Array) -> tuple[Array, Array]:
-        """All δ, δ̇ of those chosen, with every loop closed."""
+        """All δ, δ̇ of those chosen, with every constraint met."""
+        full, full_rate = self._start.copy(), np.zeros_like(self._start)
+        full[self._chosen] += delta
+        full_rate[self._chosen] = rate
         if not len(self._determined):
-            return delta, rate
-        full, full_rate = np.zeros(self._all), np.zeros(self._all)
-        full[self._chosen], full_rate[self._chosen] = delta, rate
+            return full, full_rate
         before = np.inf
         for _ in range(NEWTON_STEPS):
-            gap = self._loops @ (self._q(full, full_rate)[0] - self.q0)[: self._loops.shape[1]]
-            size = float(np.abs(gap).max())
+            gap = self._gap(full)
+            size = float(np.abs(gap).max(initial=0.0))
             if size == 0 or size > 0.5 * before:
                 break
             before = size
             slopes = self._slopes(full)[:, self._determined]
-            full[self._determined] -= np.linalg.lstsq(slopes, gap, rcond=LOOP_RANK)[0]
+            full[self._determined] -= np.linalg.lstsq(slopes, gap, rcond=RANK)[0]
         slopes = self._slopes(full)
         pushed = slopes[:, self._chosen] @ rate
-        full_rate[self._determined] = -np.linalg.lstsq(slopes[:, self._determined], pushed, rcond=LOOP_RANK)[0]
+        full_rate[self._determined] = -np.linalg.lstsq(slopes[:, self._determined], pushed, rcond=RANK)[0]
         return full, full_rate
+
+    def _gap(self, delta: Array) -> Array:
+        """(3C,) of the loops."""
+        return np.asarray(self._loops @ (self._q(delta, 0 * delta)[0] - self.q0)[: self._loops.shape[1]])
 
     def lever(self, k: int) -> float:
         """[m] or 1: how far the farthest node moves for a unit of δ_k."""

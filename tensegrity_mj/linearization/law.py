@@ -13,7 +13,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, Command, native_law
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.strings import measure_strings
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.linearization.assembled_chart import AnyChart
+from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import central
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.scene import Scene
@@ -49,7 +49,7 @@ class SetRestLengths:
             raise InfeasibleError(plant.infeasible_message(self.time))
         return np.array(plant["rest"])
 
-    def derivative(self, chart: AnyChart, rate0: Array, reach: float, inputs: Command) -> tuple[Array, list[str]]:
+    def derivative(self, chart: Chart, rate0: Array, reach: float, inputs: Command) -> tuple[Array, list[str]]:
         """∂v/∂x (M, 2n) by central differences, and remarks about kinks.
 
         For each column that step is taken whose result differs least from that of the next shorter one.

@@ -21,7 +21,8 @@ from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.basics.matfile import save_mat
 from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.linearization.assembled_chart import AnyChart, chart_of
+from tensegrity_mj.linearization.assembled_chart import chart_of
+from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.elements.element import states_at_start
 from tensegrity_mj.model.scene import Scene
 
@@ -150,7 +151,7 @@ class Linearization:
         return np.concatenate([delta, rate - self._rate, others - start])
 
     @cached_property
-    def _chart(self) -> AnyChart:
+    def _chart(self) -> Chart:
         return chart_of(self.scene.structure, self.nodes)
 
     @cached_property

@@ -25,7 +25,8 @@ from tensegrity_mj.engines.request import AcceleratingEngine, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import InfeasibleError
-from tensegrity_mj.linearization.assembled_chart import AnyChart, chart_of
+from tensegrity_mj.linearization.assembled_chart import chart_of
+from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.rods import kinetic_energy
 from tensegrity_mj.model.scene import Scene
@@ -104,14 +105,14 @@ class AtRest:
         self.still = np.zeros_like(scene.nodes0)
         self.reach = reach_of(scene.structure, scene.nodes0)
 
-    def accelerations(self, chart: AnyChart, delta: Array) -> Array:
+    def accelerations(self, chart: Chart, delta: Array) -> Array:
         """δ̈ (n,) at rest at δ."""
         self.evaluations += 1
         rest = np.zeros(chart.size)
         nodes, rates = chart.state(delta, rest)
         return chart.accelerations(delta, rest, self.field(0.0, nodes, rates)[1])
 
-    def slopes(self, chart: AnyChart) -> Array:
+    def slopes(self, chart: Chart) -> Array:
         """∂a/∂δ (n, n)."""
         columns = []
         for k in range(chart.size):
@@ -145,7 +146,7 @@ class _Search(AtRest):
             "(nodes=...)"
         )
 
-    def _down(self, nodes: Array, limit: int) -> tuple[Array, float, Array, AnyChart, int]:
+    def _down(self, nodes: Array, limit: int) -> tuple[Array, float, Array, Chart, int]:
         """Nodes at rest, the last move [m], ∂a/∂δ and the chart there, and the number of steps."""
         shift: float | None = None
         last, spent = np.inf, 0
@@ -188,7 +189,7 @@ class _Search(AtRest):
             shift = max(shift / 8.0, least * 0.5)
         raise self._none(limit, np.zeros(0))
 
-    def _power(self, chart: AnyChart, a: Array, s: Array) -> float:
+    def _power(self, chart: Chart, a: Array, s: Array) -> float:
         """The force along a step, by the masses and the accelerations that it makes: aᵀ M s."""
         none = np.zeros(chart.size)
         (_, one), (_, other) = chart.state(none, a), chart.state(none, s)
