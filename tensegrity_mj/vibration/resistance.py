@@ -31,13 +31,14 @@ def bending_pulls(scene: Scene, b: Array) -> Array:
     return pulls
 
 
-def bending_blocks(scene: Scene, turns: Array) -> Blocks | None:
-    """Σ Gᵀ G of all joints that resist bending, for δb = `turns` (R, 3, slots) y; None where none does."""
-    if scene.resistance is None or scene.resistance.bending is None:
-        return None
+def bending_blocks(scene: Scene, turns: Array) -> list[Blocks]:
+    """κ Gᵀ G and γ Gᵀ G of all joints that resist bending, for δb = `turns` (R, 3, slots) y; none where none does."""
+    bending = None if scene.resistance is None else scene.resistance.bending
+    if bending is None:
+        return []
     rods, signs = _ends_of_joints(scene)
     if not len(rods):
-        return None
+        return []
     parts = (signs[:, 0, None, None] * turns[rods[:, 0]], -signs[:, 1, None, None] * turns[rods[:, 1]])
     values, rows, columns = [], [], []
     for p in range(2):
@@ -45,28 +46,28 @@ def bending_blocks(scene: Scene, turns: Array) -> Blocks | None:
             values.append(np.swapaxes(parts[p], 1, 2) @ parts[q])
             rows.append(rods[:, p])
             columns.append(rods[:, q])
-    return Blocks(np.concatenate(values), np.concatenate(rows), np.concatenate(columns))
+    bent = Blocks(np.concatenate(values), np.concatenate(rows), np.concatenate(columns))
+    return [bent.times(bending.stiffness), bent.times(bending.damping)]
 
 
-def viscous_blocks(scene: Scene, ends: Any) -> Blocks | None:
-    """c ∫ Xᵀ X ds of all rods, for δx = `ends` (2, R, 3, slots) y of their ends; None where nothing is viscous."""
+def viscous_blocks(scene: Scene, ends: Any) -> list[Blocks]:
+    """c ∫ Xᵀ X ds of all rods, for δx = `ends` (2, R, 3, slots) y of their ends; none where nothing is viscous."""
     if scene.resistance is None or not scene.resistance.viscous:
-        return None
+        return []
     first, second = ends
     weight = scene.resistance.viscous * scene.structure.rod_lengths[:, None, None] / 6
     back, ahead = (np.swapaxes(part, 1, 2) for part in ends)
     values = weight * (2 * back @ first + back @ second + ahead @ first + 2 * ahead @ second)
     rows = np.arange(len(values))
-    return Blocks(values, rows, rows)
+    return [Blocks(values, rows, rows)]
 
 
-def nodal_blocks(scene: Scene, body: IntArray, turned: Array) -> Blocks | None:
-    """c Xᵀ X of the point masses with a damping, for δx = `turned` (N, 3, slots) y of nodes; None where none has it."""
+def nodal_blocks(scene: Scene, body: IntArray, turned: Array) -> list[Blocks]:
+    """c Xᵀ X of the point masses with a damping, for δx = `turned` (N, 3, slots) y of nodes; none where none has it."""
     nodes, factors = nodal_damping(scene.structure)
-    if not len(nodes):
-        return None
     moved = turned[nodes]
-    return Blocks(factors[:, None, None] * np.swapaxes(moved, 1, 2) @ moved, body[nodes], body[nodes])
+    blocks = Blocks(factors[:, None, None] * np.swapaxes(moved, 1, 2) @ moved, body[nodes], body[nodes])
+    return [blocks] if len(nodes) else []
 
 
 def element_blocks(

@@ -82,22 +82,16 @@ class State:
     def resisting(self) -> tuple[list[Blocks], list[Blocks]]:
         """Stiffness and dampers of what is no string: joints in bending, a viscous fluid, the scene's elements."""
         scene, bodies, motion = self.scene, self.bodies, self.motion
-        stiff, lossy = [], []
+        stiff: list[Blocks] = []
+        lossy: list[Blocks] = []
         if scene.resistance is not None:
             R = len(bodies.length)
             turns = motion.T[:R] @ motion.inverse[:R, 3:]
             slides = bodies.E[:R] @ motion.inverse[:R, :3]
             ends = np.array([slides + bodies.ends[:, end, None, None] * turns for end in range(2)])
-            bending, bent = scene.resistance.bending, bending_blocks(scene, turns)
-            if bending is not None and bent is not None:
-                stiff.append(bent.times(bending.stiffness))
-                lossy.append(bent.times(bending.damping))
-            viscous = viscous_blocks(scene, ends)
-            if viscous is not None:
-                lossy.append(viscous)
-        nodal = nodal_blocks(scene, bodies.body, motion.turned)
-        if nodal is not None:
-            lossy.append(nodal)
+            bent = bending_blocks(scene, turns)
+            stiff, lossy = bent[:1], bent[1:] + viscous_blocks(scene, ends)
+        lossy += nodal_blocks(scene, bodies.body, motion.turned)
         if scene.elements:
             own = element_blocks(scene, self.time, self.nodes, self.velocities, bodies.body, motion.turned)
             stiff.append(own[0])
