@@ -134,7 +134,7 @@ class ErrorControlled:
         break_due_strings(0.0, self.y, self.table)
         if self.request.sampled:
             self._sample()
-        status = self._evaluate(0.0, self.y)
+        _, status = self._rhs_status(0.0, self.y)
         watch_strings(self.table, 0.0, self.continuous and status == SOLVED)
         start_ledger(self.table)
         if self.continuous and status == NO_SOLUTION:
@@ -156,11 +156,8 @@ class ErrorControlled:
             raise _Stopped
         self.plant["suspended"] = 1
 
-    def _evaluate(self, t: float, y: Array) -> int:
-        """The law's status at a state; leaves everything about the state in the table."""
-        return self._rhs_status(t, y)[1]
-
     def _rhs_status(self, t: float, y: Array) -> tuple[Array, int]:
+        """dy/dt, and the law's status at a state; leaves everything about the state in the table."""
         out = np.empty(len(y))
         status = int(rates(t, y, out, self.table))
         self.run.evaluations += 1
@@ -301,15 +298,15 @@ class ErrorControlled:
                 project(self.y, self.table)
                 solver.f = self._rhs(self.t, self.y)
             if self.continuous and not self.plant["suspended"]:
-                self._evaluate(self.t, self.y)
+                self._rhs_status(self.t, self.y)
                 watch_strings(self.table, self.t, True)
                 remember(self.table)
         if self.plant["yielding"]:
             self.plant["arrived"] = 1
-            self._evaluate(self.t, self.y)
+            self._rhs_status(self.t, self.y)
 
     def _feasible(self, t: float, y: Array) -> bool:
-        self._evaluate(t, y)  # places the nodes
+        self._rhs_status(t, y)  # places the nodes
         return int(evaluate_law(self.table, t)) != NO_SOLUTION
 
     def _locate(self, dense: Any, start: float, end: float) -> float:
@@ -330,7 +327,7 @@ class ErrorControlled:
         if self.plant["suspended"]:
             self.plant["suspended"] = 0
         else:
-            status = self._evaluate(self.t, self.y)
+            _, status = self._rhs_status(self.t, self.y)
             if status == SOLVED:
                 remember(self.table)
             self._suspend()
@@ -338,7 +335,7 @@ class ErrorControlled:
     def _record(self, t: float, y: Array, while_before: float) -> None:
         """Write rows for the output times before a limit, all with this state."""
         while self.next < len(self.times) and self.times[self.next] < while_before:
-            status = self._evaluate(t, y)
+            _, status = self._rhs_status(t, y)
             watch_strings(self.table, t, self.continuous and not self.plant["suspended"] and status == SOLVED)
             if self.plant["suspended"]:
                 evaluate_law(self.table, t)  # for its margin and V; what it holds stays held
@@ -358,7 +355,7 @@ class ErrorControlled:
             message = self.plant.infeasible_message(self.t)
         else:
             guard(self.y, self.table)  # names what is singular
-            message = self.run.singular_message(self.t)
+            message = self.run.equations.explain_singular(self.t)
         return self.run.finish(
             time, self.rows[: len(time)], status, message, self.clock.seconds, switches=self.switches
         )

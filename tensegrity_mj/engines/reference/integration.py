@@ -47,7 +47,7 @@ class Equations:
     project: CFunction | None = None
     guard: CFunction | None = None
     keep: tuple[Any, ...] = ()
-    explain_singular: Callable[[float], str] | None = None
+    explain_singular: Callable[[float], str] = str
 
 
 class IntegratedRun:
@@ -87,16 +87,11 @@ class IntegratedRun:
             self.plant["held"][:] = rest_lengths
         out = np.empty(len(y))
         if SINGULAR in (kernels.guard(y, self.table), status := kernels.rates(time, y, out, self.table)):
-            raise OptionError(self.singular_message(time))
+            raise OptionError(self.equations.explain_singular(time))
         self.plant.raise_if_failed(max(status, self.plant["status"]), time)
         if status == NO_SOLUTION:
             raise InfeasibleError(self.plant.infeasible_message(time))
         return out
-
-    def singular_message(self, time: float) -> str:
-        """What a run says that stopped because its coordinates cannot hold the state."""
-        assert self.equations.explain_singular is not None
-        return self.equations.explain_singular(time)
 
     def finish(
         self, time: Array, rows: Array, status: Status, message: str, seconds: float, **reports: Any
@@ -164,7 +159,7 @@ class IntegratedRun:
         time = self.steps * step
         kept = np.concatenate([times[times < time - 0.5 * step], [time]])
         if status == SINGULAR:
-            message = self.singular_message(time)
+            message = self.equations.explain_singular(time)
             kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
             kernels.observe(self.y, self.table, rows[len(kept) - 1])
             run = recorded(kept, Status.SINGULAR, message)
