@@ -10,6 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -152,24 +153,8 @@ def whole(text: str, most: int) -> int:
     return int(text)
 
 
-def positive(text: str) -> float:
-    """argparse type: a finite number > 0."""
-    value = finite(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text}: it must be > 0")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """argparse type: a finite number >= 0."""
-    value = finite(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text}: it must be >= 0")
-    return value
-
-
-def finite(text: str) -> float:
-    """argparse type: a finite number."""
+def finite(text: str, bound: str = "") -> float:
+    """argparse type: a finite number; with a bound, "> 0" or ">= 0", one within it."""
     try:
         value = float(text)
     except ValueError:
@@ -178,7 +163,12 @@ def finite(text: str) -> float:
         ) from None
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text}: it must be finite")
+    if bound and not (value > 0 or (value == 0 and bound == ">= 0")):
+        raise argparse.ArgumentTypeError(f"{text}: it must be {bound}")
     return value
+
+
+positive, not_negative = partial(finite, bound="> 0"), partial(finite, bound=">= 0")
 
 
 def size(text: str) -> tuple[int, int]:
