@@ -17,11 +17,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.checks import check_known, real_array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.structure_checks import unknown_node
 
 Matrix: TypeAlias = Array | sparse.csr_array
 
@@ -146,8 +145,7 @@ class Boundary:
             if not isinstance(hold, Hold):
                 raise OptionError(f"holds: {hold!r} is no Hold; use Hold(nodes, directions, displacement)")
             for name in hold.nodes:
-                if name not in index:
-                    raise OptionError(f"hold: {unknown_node(name, structure.nodes)}")
+                check_known("hold", name, index, "node")
                 for direction in hold.basis:
                     add([(index[name], 1.0)], direction, float(direction @ np.array(hold.displacement)))
         places = [(r, c, v) for r, row in enumerate(rows) for c, v in row.items()]

@@ -34,6 +34,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.tension_curves import TensionCurves
 from tensegrity_mj.statics.boundary import Boundary, Hold
+from tensegrity_mj.statics.signs import strings_named
 from tensegrity_mj.statics.spans import add_spans, block_places, block_values
 
 RANK = 1e-9  # of the largest singular value
@@ -108,15 +109,10 @@ class StaticModel:
         member("rods", rods, Rods)
         structure = scene.structure
         count, strings = len(structure.nodes), len(structure.strings)
-        names = [string.name for string in structure.strings]
         if isinstance(holds, Hold):
             holds = (holds,)
         if not isinstance(broken, Iterable):
             raise OptionError(f"broken = {broken!r}; give names of strings")
-        for name in (broken,) if isinstance(broken, str) else broken:
-            if name not in names:
-                raise OptionError(f"broken: there is no string '{name}' in structure '{structure.name}'")
-        whole = ~np.isin(names, list((broken,) if isinstance(broken, str) else broken)) if strings else np.ones(0, bool)
         given = structure.rest_lengths if rest_lengths is None else real_array("rest_lengths", rest_lengths, (strings,))
         start = scene.nodes0 if nodes is None else real_array("nodes", nodes, (count, 3), "m", scalar=False)
         extra = np.zeros((count, 3)) if loads is None else real_array("loads", loads, (count, 3), "N", scalar=False)
@@ -136,7 +132,7 @@ class StaticModel:
             scene=scene,
             start=np.array(start, float),
             rest_lengths=np.array(given, float),
-            whole=whole,
+            whole=~strings_named("broken", broken, structure),
             rod_lengths=np.concatenate([structure.rod_lengths, braces.lengths]),
             compliance=np.concatenate([compliance, np.zeros(len(braces.lengths))]),
             forces=weights_and_loads(scene, np.array(start, float)),

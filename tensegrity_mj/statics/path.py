@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, positive, whole
+from tensegrity_mj.basics.checks import check_known, finite, positive, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -122,8 +122,7 @@ class Path:
         index = self.model.structure.node_index
         names = (nodes,) if isinstance(nodes, str) else nodes
         for name in names:
-            if name not in index:
-                raise OptionError(f"there is no node '{name}'")
+            check_known("reaction", name, index, "node")
         return [index[name] for name in names]
 
     @property

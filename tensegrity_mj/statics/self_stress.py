@@ -35,7 +35,7 @@ from tensegrity_mj.model.rigidity import (
 )
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.signs import Flags, can_pull, linear_program, listed
+from tensegrity_mj.statics.signs import Flags, can_pull, linear_program, listed, strings_named
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def prestress(
     """
     if not isinstance(level, (int, float, np.integer, np.floating)) or not 0.0 < level < np.inf:
         raise OptionError(f"level = {level!r}; it must be a number > 0 N/m")
-    tight = ~_chosen(structure, slack)
+    tight = ~strings_named("slack", slack, structure)
     positions = nodes_of(structure, nodes)
     motions, forces = free_motions(structure, positions), loads_on(structure, gravity, loads)
     matrix, external = equilibrium_equations(structure, positions, motions, gravity, loads)
@@ -206,13 +206,3 @@ def _driven(motions: Array, forces: Array) -> Array:
     free = right[outside < 1e-7]
     push = free.T @ (free @ forces.sum(axis=0))
     return np.where(np.abs(push) > RANK_TOLERANCE * np.linalg.norm(forces), push, 0.0)
-
-
-def _chosen(structure: Structure, names: Sequence[str]) -> Flags:
-    """(M,): whether a string is among the named ones."""
-    known = [string.name for string in structure.strings]
-    every = np.ones(len(known), bool)
-    for name in [names] if isinstance(names, str) else names:
-        if name not in known:
-            raise OptionError(f"slack: unknown string {name!r}; {listed(known, every, 'string')} are known")
-    return np.isin(known, list(names)) if names else np.zeros(len(known), bool)

@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import names_of
 
 Flags = NDArray[np.bool_]
 
@@ -119,6 +122,14 @@ def solved_program(
 
 def listed(names: Sequence[str], chosen: Flags, what: str) -> str:
     """As "strings 's1', 's2', ... (40 in all)": the chosen ones, twelve at most; "" for none."""
-    found = [f"'{name}'" for name, one in zip(names, chosen, strict=True) if one]
-    more = "" if len(found) <= 12 else f", ... ({len(found)} in all)"
-    return f"{what}{'s' if len(found) > 1 else ''} {', '.join(found[:12])}{more}" if found else ""
+    found = [name for name, one in zip(names, chosen, strict=True) if one]
+    return f"{what}{'s' if len(found) > 1 else ''} {names_of(found)}" if found else ""
+
+
+def strings_named(what: str, names: Sequence[str], structure: Structure) -> Flags:
+    """(M,): whether a string is among the named ones; OptionError for a name of none."""
+    known = [string.name for string in structure.strings]
+    chosen = [names] if isinstance(names, str) else list(names)
+    for name in chosen:
+        check_known(what, name, known, "string")
+    return np.array([name in chosen for name in known], bool)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import instance, member, real_array, whole
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known, instance, member, real_array, whole
 from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import to_json
@@ -20,7 +21,6 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.structure_checks import unknown_node
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import words
 from tensegrity_mj.statics.balance import Balance, balance
@@ -245,11 +245,13 @@ class Analysis:
     def _model(self) -> StaticModel:
         scene = Scene(self.scene) if isinstance(self.scene, Structure) else self.scene
         instance("scene", scene, Scene, "use a Scene or a Structure, as load_scene gives")
+        structure = scene.structure
+        nodes, strings = list(structure.nodes), [string.name for string in structure.strings]
         return StaticModel.of(
             scene,
             rods=self.rods,
-            rest_lengths=_rest_lengths(scene.structure, self.rest_lengths),
-            loads=_loads(scene.structure, self.loads),
+            rest_lengths=_by_name("rest_lengths", self.rest_lengths, structure.rest_lengths, strings, "string", "m"),
+            loads=_by_name("loads", self.loads, np.zeros((len(nodes), 3)), nodes, "node", "N"),
             holds=self.holds,
             broken=self.broken,
         )
@@ -275,27 +277,17 @@ def _prestressability(state: StaticState) -> Prestressability | None:
     return prestressability(state.model, nodes=state.nodes)
 
 
-def _loads(structure: Structure, loads: Mapping[str, Sequence[float]] | ArrayLike | None) -> ArrayLike | None:
-    if not isinstance(loads, Mapping):
-        return loads
-    forces = np.zeros((len(structure.nodes), 3))
-    for name, force in loads.items():
-        if name not in structure.node_index:
-            raise OptionError(f"loads: {unknown_node(name, structure.nodes)}")
-        forces[structure.node_index[name]] += real_array(f"load on '{name}'", force, (3,), "N", scalar=False)
-    return forces
-
-
-def _rest_lengths(structure: Structure, given: Mapping[str, float] | ArrayLike | None) -> ArrayLike | None:
+def _by_name(
+    what: str, given: Mapping[str, Any] | ArrayLike | None, start: Array, names: Sequence[str], kind: str, unit: str
+) -> ArrayLike | None:
+    """Rows of `start` with what is given of some by their names; what is given otherwise is as it is."""
     if not isinstance(given, Mapping):
         return given
-    lengths = np.array(structure.rest_lengths)
-    names = {string.name: row for row, string in enumerate(structure.strings)}
-    for name, length in given.items():
-        if name not in names:
-            raise OptionError(f"rest_lengths: there is no string '{name}' in structure '{structure.name}'")
-        lengths[names[name]] = float(real_array(f"rest length of '{name}'", length, (), "m"))
-    return lengths
+    rows = np.array(start)
+    for name, row in given.items():
+        check_known(what, name, names, kind)
+        rows[names.index(name)] = real_array(f"{what} of '{name}'", row, rows.shape[1:], unit, scalar=rows.ndim == 1)
+    return rows
 
 
 def _sized(model: StaticModel, materials: Materials) -> Sizing:

@@ -527,7 +527,7 @@ def test_levels_that_are_none(level: object) -> None:
 
 def test_names_and_shapes_that_do_not_fit() -> None:
     prism = free_prism()
-    with pytest.raises(OptionError, match=r"unknown string 's99'.*'s1', 's2'"):
+    with pytest.raises(OptionError, match=r"slack: there is no string 's99'.*s1, s2"):
         prestress(prism, slack=["s1", "s99"])
     with pytest.raises(StructureError, match=r"nodes: shape \(3,\)"):
         self_stress(prism, [0, 0, 1])

@@ -467,7 +467,7 @@ def test_loads_that_nothing_balances() -> None:
         ({"least_radius": -1.0}, "least_radius = -1.0; it must be >= 0"),
         ({"least_force_density": [1.0]}, "least_force_density"),
         ({"gravity": 9.81}, "gravity"),
-        ({"holds": [Hold(("x",))]}, "hold: unknown node 'x'"),
+        ({"holds": [Hold(("x",))]}, "hold: there is no node 'x'"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments: dict[str, Any], words: str) -> None:
