@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known, real_array
+from tensegrity_mj.basics.checks import check_definite, check_known, real_array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -64,42 +64,23 @@ def gain_records(
             if n == 0:
                 continue
             X, Y, Z = (_matrix(getattr(gains, key), n, f"{key}{block} of '{name}'") for key in ("X", "Y", "Z"))
-            _check_definite(X, Y, Z, f"'{name}', block {block}")
+            where = f"gains of '{name}', block {block}"
+            check_definite(f"{where}: X", X)
+            check_definite(f"{where}: Z", Z)
+            schur = X - Y @ np.linalg.solve(Z, Y.T)  # Lemma 2.2
+            check_definite(
+                f"{where}: X - Y Z⁻¹ Yᵀ (Schur complement of (5.6))",
+                (schur + schur.T) / 2,
+                remedy=": enlarge X or Z, or reduce Y",
+            )
             for key, matrix in (("X", X), ("Y", Y), ("Z", Z)):
                 records[number][f"{key}{block}"][:n, :n] = matrix
         if number < len(structure.rods):
             value = stiffness.get(name, 0.0) if isinstance(stiffness, Mapping) else stiffness
-            records[number]["Kb"] = _semidefinite(value, f"K of '{name}'")
+            K = _matrix(value, 3, f"K of '{name}'")
+            check_definite(f"stiffness K of '{name}' (6.6)", K, semi=True)
+            records[number]["Kb"] = K
     return records
-
-
-def _check_definite(X: Array, Y: Array, Z: Array, where: str) -> None:
-    """(5.6) by the Schur complement (Lemma 2.2): Z ≻ 0 and X - Y Z⁻¹ Yᵀ ≻ 0."""
-    for key, matrix in (("X", X), ("Z", Z)):
-        if not np.allclose(matrix, matrix.T, rtol=0, atol=1e-12 * np.abs(matrix).max()):
-            raise OptionError(f"gains of {where}: {key} = {matrix.tolist()} must be symmetric")
-    smallest = float(np.linalg.eigvalsh(Z)[0])
-    if not smallest > 0:
-        raise OptionError(f"gains of {where}: Z must be positive definite; its smallest eigenvalue is {smallest:.3g}")
-    smallest = float(np.linalg.eigvalsh(X - Y @ np.linalg.solve(Z, Y.T))[0])
-    if not smallest > 0:
-        raise OptionError(
-            f"gains of {where}: X - Y Z⁻¹ Yᵀ must be positive definite (Schur complement of (5.6)); its smallest "
-            f"eigenvalue is {smallest:.3g}: enlarge X or Z, or reduce Y"
-        )
-
-
-def _semidefinite(value: ArrayLike, what: str) -> Array:
-    K = _matrix(value, 3, what)
-    size = np.abs(K).max()
-    if not np.allclose(K, K.T, rtol=0, atol=1e-12 * size):
-        raise OptionError(f"stiffness {what} = {K.tolist()} must be symmetric")
-    smallest = float(np.linalg.eigvalsh(K)[0])
-    if smallest < -1e-12 * size:  # round-off of the eigenvalues
-        raise OptionError(
-            f"stiffness {what} must be positive semidefinite, (6.6); its smallest eigenvalue is {smallest:.3g}"
-        )
-    return K
 
 
 def _matrix(value: ArrayLike, n: int, what: str) -> Array:

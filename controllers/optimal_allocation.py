@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, instance, member, real_array, sequence_of, shape_of
+from tensegrity_mj.basics.checks import check_definite, finite, instance, member, real_array, sequence_of, shape_of
 from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, Program, columns_of, maximize_dual
@@ -304,11 +304,7 @@ def _weight(weight: ArrayLike, M: int) -> Array:
     """H as its diagonal (M,), or full (M, M)."""
     if M > 1 and shape_of(weight) == (M, M):
         H = np.array(real_array("weight", weight, (M, M)))
-        if not np.allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max()):
-            raise OptionError("weight: H must be symmetric")
-        smallest = float(np.linalg.eigvalsh(H)[0])
-        if not smallest > 0:
-            raise OptionError(f"weight: H must be positive definite; its smallest eigenvalue is {smallest:.3g}")
+        check_definite("weight: H", H)
         return np.diag(H).copy() if np.array_equal(H, np.diag(np.diag(H))) else H
     diagonal = np.array(real_array("weight", weight, (M,)))
     if not np.all(diagonal > 0):

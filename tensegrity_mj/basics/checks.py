@@ -76,6 +76,17 @@ def real_array(
     return array
 
 
+def check_definite(what: str, matrix: NDArray[np.float64], semi: bool = False, remedy: str = "") -> None:
+    """Raise OptionError unless a matrix (n, n) is symmetric and positive definite; semidefinite, up to round-off."""
+    round_off = 1e-12 * np.abs(matrix).max()
+    if not np.allclose(matrix, matrix.T, rtol=0, atol=round_off):
+        raise OptionError(f"{what} = {value_text(matrix.tolist())} must be symmetric")
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if not (smallest >= -round_off if semi else smallest > 0):
+        kind = "semidefinite" if semi else "definite"
+        raise OptionError(f"{what} must be positive {kind}; its smallest eigenvalue is {smallest:.3g}{remedy}")
+
+
 def state_of(
     time: Any, nodes: Any, velocities: Any, count: int
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
