@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, real_array, sequence_of, shape_of
+from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support
 from tensegrity_mj.model.node_indices import array_of_shape
-from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 
 if TYPE_CHECKING:
@@ -148,17 +147,6 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
         members[kind] = (*own, *(member for member in added if _nameless(member) not in known))
     fixed = (*one.fixed_nodes, *(names[node] for node in other.fixed_nodes))
     return replace(one, nodes={**one.given.nodes, **new}, fixed_nodes=tuple(dict.fromkeys(fixed)), **members)
-
-
-def sectioned(structure: Structure, sections: Section | Sequence[Section | None] | None) -> Structure:
-    """See `Structure.with_sections`."""
-    same = sections is None or isinstance(sections, Section)
-    count = len(structure.rods)
-    chosen = (sections,) * count if same else sequence_of("with_sections: sections", sections, StructureError)
-    if len(chosen) != count:
-        raise StructureError(f"with_sections: {len(chosen)} sections for {count} rods; give one a rod")
-    rods = (replace(rod, section=section) for rod, section in zip(structure.rods, chosen, strict=True))
-    return replace(structure, rods=tuple(rods))
 
 
 def _meeting(one: Structure, other: Structure) -> dict[str, str]:

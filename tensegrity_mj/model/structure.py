@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import checked, real_array
+from tensegrity_mj.basics.checks import checked, real_array, sequence_of
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
-from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, sectioned, with_strings
+from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.from_arrays import members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
@@ -141,7 +141,13 @@ class Structure:
         Raises:
             StructureError: if there are not as many sections as rods, or one of them is not valid.
         """
-        return sectioned(self, sections)
+        same = sections is None or isinstance(sections, Section)
+        count = len(self.rods)
+        chosen = (sections,) * count if same else sequence_of("with_sections: sections", sections, StructureError)
+        if len(chosen) != count:
+            raise StructureError(f"with_sections: {len(chosen)} sections for {count} rods; give one a rod")
+        rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
+        return replace(self, rods=tuple(rods))
 
     def with_elastic_rods(self, damping: float = 0.0) -> Structure:
         """A copy whose rods have the stiffness EA/ℓ of their sections, and that damping [N s/m].
