@@ -1,4 +1,4 @@
-"""Types of arrays, and sums over the three axes of space."""
+"""Types of arrays, sums over the three axes of space, and axes across a vector."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,3 +18,16 @@ def dot(a: Array, b: Array) -> Array:
 def norm(a: Array) -> Array:
     """Length of the vectors along the last axis, of length 3, (...): the bits of `np.linalg.norm(a, axis=-1)`."""
     return np.sqrt(dot(a, a))
+
+
+def rotation_to(b: Array) -> Array:
+    """A rotation matrix whose z axis is the unit vector b."""
+    return np.asarray(rotations_to(b[None])[0])
+
+
+def rotations_to(b: Array) -> Array:
+    """(R, 3, 3): a rotation matrix for each unit vector (R, 3), which is its z axis."""
+    rows, axis = np.arange(len(b)), np.argmin(np.abs(b), axis=1)
+    x = np.eye(3)[axis] - b[rows, axis][:, None] * b
+    x /= np.sqrt(np.sum(x**2, axis=1))[:, None]
+    return np.asarray(np.stack([x, np.cross(b, x), b], axis=2))

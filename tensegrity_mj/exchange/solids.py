@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import Camera, clearest, corners_of, fit

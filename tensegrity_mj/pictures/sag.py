@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotations_to
 
 MAX_RATIO = 1e3  # of string to chord; beyond, the chord makes no difference
 
@@ -55,8 +55,7 @@ def slack_arcs(start: Array, end: Array, rest_lengths: Array, down: Array, outwa
     wish = down + 0.05 * outward / np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
     across = wish - np.sum(wish * along, axis=1)[:, None] * along
     norms = np.linalg.norm(across, axis=1)
-    fallback = np.cross(along, np.where(np.abs(along[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    across = np.where(norms[:, None] > 1e-9, across, fallback)
+    across = np.where(norms[:, None] > 1e-9, across, rotations_to(along)[:, :, 0])
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
     w = parabola_slope(rest_lengths / safe)
     # Equal steps of the slope's angle put more points where the curve bends.

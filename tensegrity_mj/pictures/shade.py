@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.model.structure import Structure
 
 PIECES = 4  # of a rod's shadow, each of one darkness
@@ -52,7 +52,8 @@ def patches(
     along = flat[pairs[:, 1]] - flat[pairs[:, 0]]
     lengths = np.linalg.norm(along, axis=1)
     directions = along / np.maximum(lengths, 1e-300)[:, None]
-    directions[lengths <= 1e-9 * extent] = _across(up)
+    level = rotation_to(up)
+    directions[lengths <= 1e-9 * extent] = level[:, 0]
     frames = np.stack([directions, np.cross(up, directions), np.broadcast_to(up, directions.shape)], axis=2)
     ends = zip(members, heights[pairs].tolist(), flat[pairs[:, 0]], along, lengths.tolist(), frames, strict=True)
     for (radius, pieces, weight), (low, high), start, way, length, axes in ends:
@@ -63,7 +64,6 @@ def patches(
             for wide, dark in SOFT if pieces > 1 else SOFT[1:]:
                 half = (0.5 * length / pieces, wide * (radius + WIDER * height))
                 yield Patch(middle, half, axes, weight * dark * _darkness(height, extent), False)
-    axes = np.column_stack([_across(up), np.cross(up, _across(up)), up])
     for pair, radius, length in zip(structure.rod_nodes, radii, structure.rod_lengths, strict=True):
         for node in pair:
             height = max(0.0, float(heights[node]) - radius)
@@ -71,14 +71,8 @@ def patches(
                 near = 1.0 - height / (TOUCH * length)
                 for wide, dark in SOFT:
                     half = wide * 1.4 * radius
-                    yield Patch(flat[node], (half, half), axes, near * dark * min(1.0, 1.6 * DARKEST), True)
+                    yield Patch(flat[node], (half, half), level, near * dark * min(1.0, 1.6 * DARKEST), True)
 
 
 def _darkness(height: float, extent: float) -> float:
     return DARKEST / (1.0 + height / (PALER * extent))
-
-
-def _across(up: Array) -> Array:
-    """Some unit vector across another."""
-    aside = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
-    return np.asarray(aside / np.linalg.norm(aside))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import MissingPackageError, printable
@@ -266,9 +266,7 @@ def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> dict[str, A
     """Points (P, 3) [m] of a square of the floor under all that the run passes through, and its triangles (F, 3)."""
     points = motion.nodes.reshape(-1, 3)
     reach = 1.5 * box.extent + (float(np.linalg.norm(np.ptp(points, axis=0))) if box.follow else 0.0)
-    side = np.cross(floor[1], np.eye(3)[int(np.argmin(np.abs(floor[1])))])
-    side *= reach / np.linalg.norm(side)
-    across = np.cross(floor[1], side)
+    side, across, _ = reach * rotation_to(floor[1]).T
     middle = _foot(points.mean(axis=0) if box.follow else box.center, floor)
     if motion.terrain is None:
         return {

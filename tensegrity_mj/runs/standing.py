@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.contact import floor_gaps
 from tensegrity_mj.model.rods import centre_of_mass
@@ -98,9 +98,7 @@ def _around(places: Array, centre: Array, normal: Array) -> list[int]:
     """The corners of the convex hull in order around it."""
     from scipy.spatial import ConvexHull, QhullError
 
-    first = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
-    first /= np.linalg.norm(first)
-    flat = (places - centre) @ np.column_stack([first, np.cross(normal, first)])
+    flat = (places - centre) @ rotation_to(normal / np.linalg.norm(normal))[:, :2]
     try:
         return [int(k) for k in ConvexHull(flat).vertices]
     except QhullError:  # all in a line

@@ -24,12 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
 from tensegrity_mj.engines.mujoco.mjcf_elastic import add_bars
 from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
-from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to as rotation_to
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
 from tensegrity_mj.engines.requirements import require

@@ -28,19 +28,6 @@ def must_turn(place: ArrayLike, frames: Iterable[ArrayLike], size: float) -> boo
     return any(SAME * size < gap < SNAP for gap in gaps)
 
 
-def rotation_to(b: Array) -> Array:
-    """A rotation matrix whose z axis is the unit vector b."""
-    return np.asarray(rotations_to(b[None])[0])
-
-
-def rotations_to(b: Array) -> Array:
-    """(R, 3, 3): a rotation matrix for each unit vector (R, 3), which is its z axis."""
-    rows, axis = np.arange(len(b)), np.argmin(np.abs(b), axis=1)
-    x = np.eye(3)[axis] - b[rows, axis][:, None] * b
-    x /= np.sqrt(np.sum(x**2, axis=1))[:, None]
-    return np.asarray(np.stack([x, np.cross(b, x), b], axis=2))
-
-
 def quaternion(rotation: Array) -> Array:
     """Unit quaternion (w, x, y, z) of a rotation matrix, from its largest component for accuracy."""
     r = rotation

@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, rotations_to
 from tensegrity_mj.basics.remembered import Remembered
-from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion, rotations_to, unit
+from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion, unit
 from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import held_directions
