@@ -56,7 +56,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "compare text.nc text.nc": ("text.nc", "not a readable trajectory"),
     "render text.nc --out p.mp4 --size 1280": ("--size: '1280'", "for example 1280x720"),
     "export prism": ("--out: missing", "export --help"),
-    "statics prism --load n99=0,0,1": ("loads: unknown node 'n99'", "the nodes are"),
+    "statics prism --load n99=0,0,1": ("loads: there is no node 'n99'", "allowed: O, n1"),
     "statics truss_arm --load t4=0,0": ("--load: '0,0'", "write three numbers, for example t4=0,0,-20"),
     "linearize prism --out p.txt": ("--out p.txt", "must end in .npz"),
     "clearance text.nc": ("text.nc", "not a readable trajectory"),
