@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
@@ -40,13 +40,11 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
     figure = new_figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
     panel = figure.subplots()
     structure, whole = state.model.structure, state.model.whole
-    _draw_plain(panel, structure, before @ view.T, whole, FAINT, 0.9)
+    _draw(panel, structure, before @ view.T, whole, (FAINT, FAINT), 0.9)
     largest = float(state.tensions.max(initial=0.0))
     colors = palette.tension_colors(state.tensions / (largest or 1.0))
     colors[state.slack] = palette.SLACK
-    flat = state.nodes @ view.T
-    _draw(panel, flat, _bars(structure), palette.ROD, 2.6)
-    _draw_strings(panel, structure, flat, whole, colors, 1.1)
+    _draw(panel, structure, state.nodes @ view.T, whole, (palette.ROD, colors), 1.1, 2.6)
     if largest > 0:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import ListedColormap, Normalize
@@ -160,9 +158,8 @@ def _shapes_figure(
     figure = new_figure(WIDTH, rows * (height + 0.3))
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
-        _draw_plain(panel, structure, x @ view.T, whole, FAINT, 0.7)
-        _draw(panel, there @ view.T, _bars(structure), palette.CYCLE[0], 1.8)
-        _draw_strings(panel, structure, there @ view.T, whole, palette.CYCLE[5], 0.8)
+        _draw(panel, structure, x @ view.T, whole, (FAINT, FAINT), 0.7)
+        _draw(panel, structure, there @ view.T, whole, (palette.CYCLE[0], palette.CYCLE[5]), 0.8, 1.8)
         panel.set_title(title, fontsize=9)
         _space(panel)
     for panel in panels[len(shapes) :]:
@@ -200,30 +197,19 @@ def _height(points: Array, view: Array, width: float = WIDTH) -> float:
     return float(np.clip(width * size[1] / max(float(size[0]), 1e-12), 0.22 * width, 0.62 * width))
 
 
-def _draw(panel: Axes, flat: Array, pairs: Any, colors: Any, width: float) -> None:
+def _draw(
+    panel: Axes, structure: Structure, flat: Array, whole: Any, colors: tuple[Any, Any], width: float, rod: float = 0.0
+) -> None:
+    """Rods and edges of bodies, twice as wide as strings or `rod` wide, and the whole ones of M strings."""
     from matplotlib.collections import LineCollection
 
-    if len(pairs):
-        lines = [flat[pair] for pair in pairs]
-        panel.add_collection(LineCollection(lines, colors=colors, linewidths=width, capstyle="round"))
-
-
-def _bars(structure: Structure) -> IntArray:
-    """Node rows of the rods, and of the edges of bodies."""
-    return np.concatenate([structure.rod_nodes, structure.body_edges])
-
-
-def _draw_plain(panel: Axes, structure: Structure, flat: Array, whole: Any, color: Any, width: float) -> None:
-    _draw(panel, flat, _bars(structure), color, 2 * width)
-    _draw_strings(panel, structure, flat, whole, color, width)
-
-
-def _draw_strings(panel: Axes, structure: Structure, flat: Array, whole: Any, colors: Any, width: float) -> None:
-    """The whole ones of M strings, in one colour or one each."""
     segments, strings = structure.paths.nodes, structure.paths.strings
     drawn = whole[strings]
-    each = colors[strings[drawn]] if isinstance(colors, np.ndarray) else [colors] * int(drawn.sum())
-    _draw(panel, flat, segments[drawn], each, width)
+    each = colors[1][strings[drawn]] if isinstance(colors[1], np.ndarray) else colors[1]
+    bars = np.concatenate([structure.rod_nodes, structure.body_edges])
+    for pairs, color, wide in ((bars, colors[0], rod or 2 * width), (segments[drawn], each, width)):
+        if len(pairs):
+            panel.add_collection(LineCollection(flat[pairs], colors=color, linewidths=wide, capstyle="round"))
 
 
 def _space(panel: Axes) -> None:
