@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
-from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
+from tensegrity_mj.basics.hints import hints_of
+from tensegrity_mj.controllers.allocation_options import Allocation, Sum
 from tensegrity_mj.controllers.error_equation import Known, error_equation
 from tensegrity_mj.controllers.known import Effect, KnownWater, PackedEffects, described, set_model
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
-from tensegrity_mj.controllers.options import as_it_is, one_of
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.dynamics.records import StructureRecords
@@ -245,13 +245,4 @@ def from_options(
     return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, known)
 
 
-LAW = NamedLaw(
-    from_options,
-    {
-        **dict.fromkeys(("natural_frequency", "damping", "sums", "weight"), as_it_is),
-        **dict.fromkeys(("minimum_force_density", "maximum_force_density", "linear"), as_it_is),
-        "on_infeasible": one_of(WhenInfeasible),
-        "respect_limits": as_it_is,
-        "water": one_of(KnownWater),
-    },
-)
+LAW = NamedLaw(from_options, {**hints_of(Allocation), "water": KnownWater})

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_definite, check_known, real_array
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.model.structure import Structure
 
 GAINS = np.dtype([(name, "f8", (3, 3)) for name in ("Xz", "Yz", "Zz", "Xb", "Yb", "Zb", "Kb")], align=True)
@@ -29,10 +29,33 @@ class Gains:
     Z: ArrayLike = 1.5
 
 
+def _one(value: Any, more: str = "") -> Gains:
+    if isinstance(value, Mapping) and set(value) <= {"X", "Y", "Z"}:
+        return Gains(**value)
+    if not isinstance(value, Gains):
+        raise Wrong(f" = {value!r}; it must be Gains(X, Y, Z), or a table with X, Y, Z{more}")
+    return value
+
+
+def _by_rod(value: Any) -> Gains | dict[str, Gains]:
+    if not isinstance(value, Mapping) or set(value) <= {"X", "Y", "Z"}:
+        return _one(value, ", or one by rod name")
+    found = {}
+    for name, entry in value.items():
+        try:
+            found[name] = _one(entry)
+        except Wrong as wrong:
+            raise Wrong(f".{name}{wrong}") from None
+    return found
+
+
+GainsOfRods = Annotated[Gains | Mapping[str, Gains], Kind(_by_rod)]  # of all rods, or by the rod's name
+
+
 def gain_records(
     structure: Structure,
-    translation: Gains | Mapping[str, Gains],
-    rotation: Gains | Mapping[str, Gains],
+    translation: GainsOfRods,
+    rotation: GainsOfRods,
     stiffness: ArrayLike | Mapping[str, ArrayLike] = 0.0,
 ) -> np.ndarray[Any, Any]:
     """Gains of every rod and point mass as records.
@@ -59,8 +82,6 @@ def gain_records(
             blocks.append(("b", rotation, 3))
         for block, given, n in blocks:
             gains = given.get(name, Gains()) if isinstance(given, Mapping) else given
-            if not isinstance(gains, Gains):
-                raise OptionError(f"gains of '{name}' = {gains!r}; use Gains(X, Y, Z)")
             if n == 0:
                 continue
             X, Y, Z = (_matrix(getattr(gains, key), n, f"{key}{block} of '{name}'") for key in ("X", "Y", "Z"))

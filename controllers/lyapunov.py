@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.controllers.options import OF_QUADRATIC_LAWS
+from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
 from tensegrity_mj.controllers.table import NamedLaw
 
@@ -30,4 +30,4 @@ class Lyapunov(QuadraticLaw):
         return {"law": "lyapunov", **super().describe()}
 
 
-LAW = NamedLaw(Lyapunov, OF_QUADRATIC_LAWS)
+LAW = NamedLaw(Lyapunov, {"water": KnownWater})

@@ -7,7 +7,6 @@ function or a class are options of the law, of the types that their annotations 
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import importlib
@@ -20,9 +19,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
-from tensegrity_mj.basics.hints import fitted
+from tensegrity_mj.basics.hints import fitted, hints_of
 from tensegrity_mj.basics.texts import closest, unknown, value_text
 from tensegrity_mj.errors import OptionError, TensegrityError
 
@@ -127,14 +126,7 @@ class OwnLaw:
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
-        of = [self.found]
-        if isinstance(self.found, type):
-            of.append(inspect.getattr_static(self.found, "__init__"))
-        hints: dict[str, Any] = {}
-        for one in of:
-            with contextlib.suppress(Exception):  # an annotation may be anything
-                hints |= get_type_hints(one)
-        return hints
+        return hints_of(self.found)
 
 
 def is_own(text: str) -> bool:

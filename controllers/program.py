@@ -13,7 +13,6 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, sequence_of
-from tensegrity_mj.controllers.options import as_it_is
 from tensegrity_mj.controllers.replay import cubics
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, check_made_for
@@ -116,4 +115,4 @@ def _move(what: str, row: Any) -> Move:
     return found[0], begin, end, fraction
 
 
-LAW = NamedLaw(Program, {"moves": as_it_is}, needs_target=False)
+LAW = NamedLaw(Program, needs_target=False)

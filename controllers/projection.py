@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.controllers.gains import gain_records
-from tensegrity_mj.controllers.options import OF_QUADRATIC_LAWS, as_it_is, one_of
+from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
 from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.controllers.table import NamedLaw
@@ -62,4 +62,4 @@ class Projection(QuadraticLaw):
         return {"law": "projection", "onto": self.onto.value, "stiffness": K, **super().describe()}
 
 
-LAW = NamedLaw(Projection, {**OF_QUADRATIC_LAWS, "onto": one_of(Onto), "stiffness": as_it_is})
+LAW = NamedLaw(Projection, {"water": KnownWater})

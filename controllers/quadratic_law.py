@@ -6,18 +6,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive, real_array, state_of
+from tensegrity_mj.basics.checks import real_array, state_of
+from tensegrity_mj.basics.hints import fitted, hints_of
+from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
-from tensegrity_mj.controllers.gains import Gains, gain_records
+from tensegrity_mj.controllers.gains import Gains, GainsOfRods, gain_records
 from tensegrity_mj.controllers.known import Effect, PackedEffects, described, set_model
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
@@ -111,6 +114,14 @@ def _terms_at(t: float, nodes: Any, velocities: Any, context: int, influence: An
     return quadratic_terms(t, nodes, velocities, Known(context), influence, pushed, f)
 
 
+def _norm(value: Any) -> float:
+    """A norm of u, for which a file has "inf"."""
+    norm = math.inf if isinstance(value, str) and value == "inf" else value
+    if isinstance(norm, bool) or not np.isscalar(norm) or norm not in (1, 2, math.inf):
+        raise Wrong(f" = {value!r}; allowed: 1, 2, math.inf")
+    return norm  # type: ignore[return-value]
+
+
 @dataclass(frozen=True, eq=False)
 class QuadraticLaw:
     """A law that makes a quadratic V fall as V̇ = -δ V, with the explicit minima of Lemma 5.1.
@@ -135,10 +146,10 @@ class QuadraticLaw:
 
     structure: Structure
     target: Target | Array
-    decay_rate: float = 1.0
-    norm: float = 2
-    translation: Gains | Mapping[str, Gains] = field(default_factory=Gains)
-    rotation: Gains | Mapping[str, Gains] = field(default_factory=Gains)
+    decay_rate: Annotated[float, kinds.positive("1/s")] = 1.0
+    norm: Annotated[float, Kind(_norm)] = 2
+    translation: GainsOfRods = field(default_factory=Gains)
+    rotation: GainsOfRods = field(default_factory=Gains)
     minimum_force_density: ArrayLike = 0.0
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     maximum_force_density: ArrayLike = np.inf
@@ -150,13 +161,10 @@ class QuadraticLaw:
 
     def __post_init__(self) -> None:
         set_model(self)
-        object.__setattr__(self, "decay_rate", positive("decay_rate", self.decay_rate, "1/s"))
-        if isinstance(self.norm, bool) or not np.isscalar(self.norm) or self.norm not in (1, 2, math.inf):
-            raise OptionError(f"norm = {self.norm!r}; allowed: 1, 2, math.inf")
+        for name in ("decay_rate", "norm", "translation", "rotation", "respect_limits"):
+            object.__setattr__(self, name, fitted(name, getattr(self, name), _HINTS[name]))
         if np.any(self.floor < 0):
             raise OptionError(f"minimum_force_density = {self.minimum_force_density!r}; every value must be >= 0 N/m")
-        if not isinstance(self.respect_limits, (bool, np.bool_)):
-            raise OptionError(f"respect_limits = {self.respect_limits!r}; allowed: True, False")
         for string, low, high in zip(self.structure.strings, self.floor, self.limits.max_force_density, strict=True):
             if high < low:
                 raise OptionError(
@@ -328,3 +336,6 @@ class QuadraticLaw:
             "target_equilibrium": self.target_equilibrium(),
             **described(self.known),
         }
+
+
+_HINTS = hints_of(QuadraticLaw)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, found, is_own, named
@@ -82,7 +83,7 @@ def _made(entry: NamedLaw, name: str, scene: Scene, given: Mapping[str, Any]) ->
             raise OptionError(f"{where}: law '{name}' has no option '{key}'{allowed}")
     if scene.target is None and entry.needs_target:
         raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
-    options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
+    options = {key: fitted(f"{where}: {key}", value, entry.options[key]) for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
     known = () if water is None else (water,)
     return entry.law(scene.structure, scene.target, gravity=scene.gravity, known=known, **options)

@@ -9,18 +9,19 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.hints import hints_of
 from tensegrity_mj.basics.installed import installed, load
 
 if TYPE_CHECKING:
     from tensegrity_mj.controllers.own import OwnLaw
-
-Reader = Callable[[Any, str], Any]  # (value as in a file, what it is) -> the law's value; see `options`
+OF_SCENE = ("structure", "target", "gravity", "known")  # what a law has of its scene
 
 
 @dataclass(frozen=True)
@@ -28,14 +29,21 @@ class NamedLaw:
     """A law with a name.
 
     Attributes:
-        law: makes it, called as law(structure, target, *, gravity, known, **options).
-        options: the reader of each, by name.
+        law: makes it, called as law(structure, target, *, gravity, known, **options); these are its options.
+        more: type hints, by name, of options that are no arguments of `law`: its **options, and a `water`.
         needs_target: whether it goes anywhere; a program of strings does not.
     """
 
     law: Callable[..., Any]
-    options: Mapping[str, Reader]
+    more: Mapping[str, Any] = field(default_factory=dict)
     needs_target: bool = True
+
+    @cached_property
+    def options(self) -> dict[str, Any]:
+        """The type hint of each option, by name: what files may hold for it, see `basics.hints`."""
+        hints, arguments = hints_of(self.law), signature(self.law).parameters.values()
+        named = [one.name for one in arguments if one.kind is not one.VAR_KEYWORD and one.name not in OF_SCENE]
+        return {name: hints.get(name) for name in named} | dict(self.more)
 
 
 class _Laws(Mapping[str, "NamedLaw | OwnLaw"]):

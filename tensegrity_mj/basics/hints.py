@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
-from typing import Any, get_args, get_origin
+import inspect
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from tensegrity_mj.basics.checks import checked
 from tensegrity_mj.basics.kinds import (
@@ -48,9 +50,27 @@ def fitted(what: str, value: Any, hint: Any, error: type[TensegrityError] = Opti
     return checked(what, value, kind, error)
 
 
+def hints_of(called: Any) -> dict[str, Any]:
+    """The type hints of a function's arguments, or of a class' and its fields, by name; none that cannot be read."""
+    of = [called]
+    if isinstance(called, type):
+        of.append(inspect.getattr_static(called, "__init__"))
+    hints: dict[str, Any] = {}
+    for one in of:
+        with contextlib.suppress(Exception):  # an annotation may be anything
+            hints |= get_type_hints(one, include_extras=True)
+    hints.pop("return", None)
+    return hints
+
+
 def typed(hint: Any) -> Kind:
-    """The kind of values of a type, as a type hint has it: what is not of it is refused, and no more."""
+    """The kind of values of a type, as a type hint has it: what is not of it is refused, and no more.
+
+    `Annotated[type, kind]` is of that kind.
+    """
     inner = get_args(hint)
+    if get_origin(hint) is Annotated:
+        return next((one for one in inner[1:] if isinstance(one, Kind)), None) or typed(inner[0])
     if type(None) in inner and len(inner) == 2:
         return or_none(typed(next(one for one in inner if one is not type(None))))
     if hint in PLAIN_TYPES:

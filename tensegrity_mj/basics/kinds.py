@@ -176,7 +176,8 @@ def choice(of: type[enum.Enum]) -> Kind:
         if isinstance(member, of):
             return member
         meant = closest(value, map(str, values)) if isinstance(value, str) else ""
-        raise Wrong(f" = {value_text(value)}{meant}; it must be one of {', '.join(map(str, of))}, or its text")
+        members, texts = (", ".join(map(str, some)) for some in (of, values))
+        raise Wrong(f" = {value_text(value)}{meant}; it must be one of {members}, or its text ({texts})")
 
     need = " or ".join(f'"{item}"' for item in values)
     return Kind(plain, need, lambda value: is_text(value) and value in values, of, single=True, schema={"enum": values})

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.controllers.options import as_it_is
 from tensegrity_mj.controllers.table import NamedLaw
 
 
@@ -47,7 +46,7 @@ class Brake:
         return {"law": "brake", "gain": self.gain}
 
 
-LAW = NamedLaw(Brake, {"gain": as_it_is})
+LAW = NamedLaw(Brake)
 '''
 
 

@@ -496,7 +496,7 @@ def test_what_is_beyond_the_ceilings_is_infeasible_and_said_so(pinned_rod):
         ({"maximum_force_density": [1.0, 2.0]}, ("maximum_force_density", "(12,)")),
         ({"maximum_force_density": "much"}, ("maximum_force_density", "much")),
         ({"maximum_force_density": 0.1, "minimum_force_density": 0.2}, ("string", "0.2", "0.1")),
-        ({"respect_limits": "yes"}, ("respect_limits", "True, False")),
+        ({"respect_limits": "yes"}, ("respect_limits", "True or False")),
         ({"decay_rate": -1.0}, ("decay_rate", "> 0")),
         ({"target": None}, ("target",)),
     ],
@@ -520,7 +520,7 @@ def test_any_scene_runs_with_any_law(name):
         assert run.provenance["controller"]["law"] == law
     assert from_scene(scene, "projection", onto="target").onto is Onto.TARGET
     assert from_scene(scene, "projection", stiffness={scene.structure.rods[0].name: 0.3}).gains["Kb"][0, 0, 0] == 0.3
-    with pytest.raises(tmj.errors.OptionError, match="onto = 'up'; allowed: current, target"):
+    with pytest.raises(tmj.errors.OptionError, match=r"onto = 'up'; it must be one of .* its text \(current, target\)"):
         from_scene(scene, "projection", onto="up")
     with pytest.raises(tmj.errors.OptionError, match=r"unknown law 'magic'; allowed: .*lyapunov, program, projection"):
         from_scene(scene, "magic")
