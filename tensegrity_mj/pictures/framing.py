@@ -7,7 +7,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import Camera, clearest, corners_of, fit
+from tensegrity_mj.pictures.camera import Camera, clearest, fit
 from tensegrity_mj.pictures.camera_path import CameraPath
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import Sizes, slack_curves
@@ -74,7 +74,7 @@ class Framing:
         self.sizes = [Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self.sizes)
         sea = next((sea for sea in self.seas if sea is not None), None)
-        camera = clearest(nodes, self._corners(), sea, view.azimuth, view.elevation)
+        camera = clearest(nodes, self.motions[0].corners(), sea, view.azimuth, view.elevation)
         if self.view.distance is not None:
             camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
         self.cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
@@ -132,13 +132,6 @@ class Framing:
             for far in (DEEP, SUNK)
         )
         return framed, drawn
-
-    def _corners(self) -> Array:
-        """Where members of the first structure meet, at a few instants; of very many, every so many."""
-        motion = self.motions[0]
-        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes, motion.structure.body_edges])
-        nodes = motion.positions(np.linspace(motion.start, motion.end, 1 if len(motion.time) == 1 else 7))
-        return corners_of(pairs[:: 1 + len(pairs) // 150], nodes)
 
     def _arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
         """Points (T, P, 3) of the strings that are slack at some time, for nodes (T, N, 3) at times (T,)."""

@@ -19,6 +19,7 @@ from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
+from tensegrity_mj.pictures.camera import corners_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 
@@ -175,6 +176,13 @@ class Motion:
     def target_positions(self, times: Array) -> Array | None:
         """Node positions (T, N, 3) [m] of the target at times (T,); None without a target."""
         return target_positions(self.structure, self.target, times)
+
+    def corners(self) -> Array:
+        """Where members meet, as `corners_of` gives it, at a few instants; of very many members, every so many."""
+        structure = self.structure
+        pairs = np.concatenate([structure.rod_nodes, structure.paths.nodes, structure.body_edges])
+        nodes = self.positions(np.linspace(self.start, self.end, 1 if len(self.time) == 1 else 7))
+        return corners_of(pairs[:: 1 + len(pairs) // 150], nodes)
 
     @cached_property
     def _cubics(self) -> Any:

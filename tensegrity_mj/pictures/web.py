@@ -26,7 +26,7 @@ from tensegrity_mj.errors import MissingPackageError, printable
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import clearest, corners_of
+from tensegrity_mj.pictures.camera import clearest
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes
@@ -290,9 +290,7 @@ def _eye(motion: Motion, half: Array) -> Array:
     least.
     """
     nodes = motion.nodes[:: max(1, len(motion.nodes) // 50)]
-    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes, motion.structure.body_edges])
-    corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
-    camera = clearest(nodes.reshape(-1, 3), corners, motion.sea)
+    camera = clearest(nodes.reshape(-1, 3), motion.corners(), motion.sea)
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / np.max(half)
     right, up, forward = camera.axes @ corners.T
     depth = np.maximum(np.abs(right) / (ASPECT * HALF_VIEW), np.abs(up) / HALF_VIEW) - forward

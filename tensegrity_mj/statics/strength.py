@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.checks import finite, instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.rods import ends
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
@@ -182,7 +183,7 @@ def check_members(
     instance("structure", structure, Structure, "it must be a Structure")
     threshold = finite("slack_below", slack_below, " [N]")
     places = real_array("nodes", nodes, (len(structure.nodes), 3), "m", scalar=False)
-    lengths = _rod_lengths(structure, places)
+    lengths = norm(np.subtract(*ends(structure, places)))
     if not np.all(lengths > 0):
         name = structure.rods[int(np.argmin(lengths))].name
         raise OptionError(f"nodes: the ends of rod '{name}' coincide; a rod has a length")
@@ -216,7 +217,7 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
     if not count:
         raise OptionError(f"the run of scene '{run.scene.name}' has no finite samples: there is nothing to check")
     structure, times = run.scene.structure, run.time[:count]
-    lengths = _rod_lengths(structure, run.nodes[:count])
+    lengths = norm(np.subtract(*ends(structure, run.nodes[:count])))
     loads = MemberLoads(structure, run.rod_force_densities[:count] * lengths, lengths, run.tensions[:count], times)
     slack = _slack_intervals(run, times, loads.tensions <= threshold)
     return TrajectoryCheck(loads, tuple(loads.largest()), loads.first_exceeded, slack)
@@ -233,8 +234,3 @@ def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) ->
             for start, end in zip(edges[::2], edges[1::2], strict=True)
         ]
     return tuple(found)
-
-
-def _rod_lengths(structure: Structure, nodes: Array) -> Array:
-    pairs = structure.rod_nodes
-    return np.asarray(np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1))
