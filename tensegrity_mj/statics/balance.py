@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.model import StaticModel
@@ -73,9 +72,6 @@ def unheld_gravity(scene: Scene) -> Array:
     Contact and water hold only where the structure touches them, and are left out.
     """
     gravity = np.array(scene.gravity)
-    count = len(scene.structure.nodes)
-    held = StaticModel.of(scene).boundary.rows @ np.tile(np.eye(3), (count, 1))
-    held = held[np.linalg.norm(held, axis=1) > 1e-9]  # rows that hold a rod's direction hold no straight motion
-    free = null_space_basis(held)
+    free = StaticModel.of(scene).boundary.straight_ways()
     falls = free @ (free.T @ gravity)
     return falls if np.linalg.norm(falls) > 1e-9 * np.linalg.norm(gravity) else np.zeros(3)

@@ -14,15 +14,10 @@ from tensegrity_mj.statics.model import StaticModel
 
 def driven(model: StaticModel, parameter: float = 1.0) -> Array:
     """(3,) [N]: weights and loads along the straight lines on which nothing holds the whole; zero in equilibrium."""
-    G, count = model.boundary.rows, len(model.structure.nodes)
-    shifts = np.tile(np.eye(3), (count, 1))
-    rows = [np.zeros((3, 3)), G @ shifts]
-    if model.elements:
-        rows.append(model.element_stiffness(model.start.ravel()) @ shifts / model.scale[1])
-    _, singular, right = np.linalg.svd(np.vstack(rows))
-    free = right[singular < 1e-9]
+    resisted = (model.element_stiffness(model.start.ravel()) / model.scale[1],) if model.elements else ()
+    free = model.boundary.straight_ways(*resisted)
     external = model.external(parameter)
-    force = free.T @ (free @ (external @ shifts))
+    force = free @ (free.T @ external.reshape(-1, 3).sum(axis=0))
     return force if np.linalg.norm(force) > 1e-9 * np.abs(external).sum() else np.zeros(3)
 
 

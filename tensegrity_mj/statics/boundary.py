@@ -103,6 +103,13 @@ class Boundary:
         """G and Z, as dense arrays if they are small."""
         return (self.rows.toarray(), self.Z.toarray()) if self.is_small else (self.rows, self.Z)
 
+    def straight_ways(self, *further: Array) -> Array:
+        """Orthonormal directions (3, k) of the straight lines that nothing holds the whole on, nor do further rows."""
+        shifts = np.tile(np.eye(3), (self.rows.shape[1] // 3, 1))
+        rows = np.vstack([np.zeros((3, 3)), self.rows @ shifts, *(one @ shifts for one in further)])
+        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        return np.asarray(right[singular < 1e-9].T)
+
     @classmethod
     def of(cls, structure: Structure, holds: Sequence[Hold] = ()) -> Boundary:
         """Of the supports of a structure and further holds.

@@ -35,6 +35,7 @@ from tensegrity_mj.model.rigidity import (
 )
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.statics.boundary import Boundary
 from tensegrity_mj.statics.signs import Flags, can_pull, linear_program, listed, strings_named
 
 
@@ -116,7 +117,9 @@ def prestress(
     weight = float(np.linalg.norm(forces))
     unbalanced = float(np.linalg.norm(states.residual))
     if unbalanced > RANK_TOLERANCE * weight:
-        push, masses = _driven(motions, forces), lumped_masses(structure)
+        free, masses = Boundary.of(structure).straight_ways(), lumped_masses(structure)
+        push = free @ (free.T @ forces.sum(axis=0))
+        push = np.where(np.abs(push) > RANK_TOLERANCE * weight, push, 0.0)
         falling = forces - masses[:, None] * push / masses.sum()
         if np.any(push) and np.linalg.norm(balanced_states(matrix[:, tight], motions.T @ falling.ravel()).residual) < (
             RANK_TOLERANCE * weight
@@ -196,13 +199,3 @@ def _largest_minimum(states: BalancedStates) -> tuple[float, Flags]:
     rows = np.hstack([-states.modes.T, np.ones((count, 1))])
     result = linear_program(np.append(np.zeros(size), -1.0), rows, states.particular, tolerance=None)
     return float(-result.fun), np.abs(result.ineqlin.marginals) > 1e-9
-
-
-def _driven(motions: Array, forces: Array) -> Array:
-    """(3,) [N]: forces (N, 3) along the straight lines on which motions (3N, q) let the whole go; zero for none."""
-    shifts = np.tile(np.eye(3), (len(forces), 1)) / np.sqrt(len(forces))
-    span, _ = np.linalg.qr(motions)
-    _, outside, right = np.linalg.svd(shifts - span @ (span.T @ shifts))
-    free = right[outside < 1e-7]
-    push = free.T @ (free @ forces.sum(axis=0))
-    return np.where(np.abs(push) > RANK_TOLERANCE * np.linalg.norm(forces), push, 0.0)
