@@ -24,12 +24,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.optimize import linprog
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.statics.signs import linear_program
 
-LP_TOLERANCE = 1e-10  # the least that HiGHS takes; numbers of a problem are of the order of one
 NO_FORCE = 1e-9  # of the largest force: below it a compression is the round-off of a linear program
 ROUNDS = 4  # of tightening bounds on N before they are split, and of moving tangents
 
@@ -286,20 +285,8 @@ class Search:
             axis=1,
         )
         for presolve in (True, False):  # which at times does not recognize the kind of failure
-            result = linprog(
-                cost,
-                A_ub=upper,
-                b_ub=right,
-                A_eq=problem.balance,
-                b_eq=-problem.forces.ravel(),
-                bounds=bounds,
-                method="highs",
-                options={
-                    "primal_feasibility_tolerance": LP_TOLERANCE,
-                    "dual_feasibility_tolerance": LP_TOLERANCE,
-                    "presolve": presolve,
-                },
-            )
+            balance = (problem.balance, -problem.forces.ravel())
+            result = linear_program(cost, upper, right, kept=balance, bounds=bounds, presolve=presolve)
             if result.status in (0, 2):
                 break
         if result.status == 2:

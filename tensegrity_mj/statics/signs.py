@@ -20,7 +20,7 @@ from tensegrity_mj.model.structure_checks import names_of
 Flags = NDArray[np.bool_]
 
 FAR = 1e6  # [N] weights of states: those of rods alone have no limit from strings
-TOLERANCE = 1e-10  # of linear programs
+TOLERANCE = 1e-10  # of linear programs, the least that HiGHS takes
 
 
 def can_pull(states: Array, strings: int) -> Flags:
@@ -78,7 +78,7 @@ def obstacle(lengthening: Array, rods: Array, barred: Flags) -> Array:
         np.concatenate([np.zeros(q), -np.ones(count)]),
         np.hstack([-lengthening, pick]),
         np.zeros(len(lengthening)),
-        kept=np.hstack([rods, np.zeros((len(rods), count))]),
+        kept=(np.hstack([rods, np.zeros((len(rods), count))]), np.zeros(len(rods))),
         bounds=[(None, None)] * q + [(0.0, 1.0)] * count,
     )
     return np.asarray(result.x[:q])
@@ -86,35 +86,29 @@ def obstacle(lengthening: Array, rods: Array, barred: Flags) -> Array:
 
 def linear_program(
     cost: Array,
-    rows: Array,
+    rows: Any,
     limits: Array,
     *,
-    kept: Array | None = None,
+    kept: tuple[Any, Array] | None = None,
     bounds: Any = (None, None),
     tolerance: float | None = TOLERANCE,
+    presolve: bool = True,
 ) -> Any:
-    """SciPy's result for the least cost @ x with rows @ x <= limits and kept @ x = 0; None: the solver's tolerance."""
+    """SciPy's result for the least cost @ x with rows @ x <= limits, and A @ x = b for (A, b) that is kept.
+
+    Rows may be sparse. A tolerance of None is the solver's own.
+    """
     from scipy.optimize import linprog
 
-    equal = None if kept is None or not len(kept) else kept
-    kinds = () if tolerance is None else ("primal", "dual")
-    return linprog(
-        cost,
-        A_ub=rows,
-        b_ub=limits,
-        A_eq=equal,
-        b_eq=None if equal is None else np.zeros(len(equal)),
-        bounds=bounds,
-        method="highs",
-        options={f"{kind}_feasibility_tolerance": tolerance for kind in kinds},
-    )
+    equal, values = kept or (None, None)
+    options: dict[str, Any] = {"presolve": presolve}
+    options |= dict.fromkeys(("primal_feasibility_tolerance", "dual_feasibility_tolerance"), tolerance)
+    return linprog(cost, rows, limits, equal, values, bounds, method="highs", options=options)
 
 
-def solved_program(
-    cost: Array, rows: Array, limits: Array, *, kept: Array | None = None, bounds: Any = (None, None)
-) -> Any:
+def solved_program(cost: Array, rows: Array, limits: Array, **options: Any) -> Any:
     """The same; InfeasibleError where there is no solution."""
-    result = linear_program(cost, rows, limits, kept=kept, bounds=bounds)
+    result = linear_program(cost, rows, limits, **options)
     if result.status != 0:
         raise InfeasibleError(f"a linear program over states of self-stress was not solved: {result.message}")
     return result
