@@ -2,6 +2,7 @@
 
 Figures are rows of `tables/figures.toml`: `number`, `page` and `title`, the names of the `runs` that are drawn, `draw`
 (the function, with its module of `MODULES`) and its `options`. A function that takes `names` has those of the runs.
+Most are panels of curves, see `panels`.
 """
 
 from __future__ import annotations
@@ -14,30 +15,32 @@ from types import ModuleType
 from typing import Any
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis import drawing, panels
 from tensegrity_mj.thesis.appendix_c import figures_c
 from tensegrity_mj.thesis.chapter3 import figures3
-from tensegrity_mj.thesis.chapter4 import figures4
 from tensegrity_mj.thesis.chapter7 import figures7
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.statement import Statement
 from tensegrity_mj.thesis.tables import FOLDER, all_statements
 
 MODULES: Mapping[str, ModuleType] = {
-    module.__name__.rpartition(".")[2]: module for module in (drawing, figures3, figures4, figures7, figures_c)
+    module.__name__.rpartition(".")[2]: module for module in (drawing, panels, figures3, figures7, figures_c)
 }
 
 
 def _figure(row: Mapping[str, Any]) -> ThesisFigure:
     module, _, name = row["draw"].partition(".")
     function, options = getattr(MODULES[module], name), dict(row.get("options", {}))
+    if "panels" in options:
+        options["panels"] = [[_LIKE[one.get("like", "none")] | one for one in line] for line in options["panels"]]
     if "names" in inspect.signature(function).parameters:
         options["names"] = row["runs"]
     return ThesisFigure(row["number"], row["page"], row["title"], tuple(row["runs"]), partial(function, **options))
 
 
-_ROWS = tomllib.loads((FOLDER / "figures.toml").read_text(encoding="utf-8"))["figures"]
-FIGURES: tuple[ThesisFigure, ...] = tuple(map(_figure, _ROWS))
+_TABLE = tomllib.loads((FOLDER / "figures.toml").read_text(encoding="utf-8"))
+_LIKE = {"none": {}, **_TABLE["panels"]}  # what panels have that are like another
+FIGURES: tuple[ThesisFigure, ...] = tuple(map(_figure, _TABLE["figures"]))
 STATEMENTS: tuple[Statement, ...] = all_statements()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -138,49 +137,6 @@ def note(figure: Figure, text: str, size: float = 8) -> None:
     figure.supxlabel(text, fontsize=size, color=GREY)
 
 
-# ------------------------------------------------------------------------------------------- panels of chapters 5, 6
-
-
-def coordinates(panel: Any, all_runs: AllRuns, name: str) -> None:
-    """b (blue, green, red) with its target dotted and ‖b‖² dashed."""
-    curves(panel, all_runs, name, lambda run: measures.directions(run)[:, 0], labels=("$b_x$", "$b_y$", "$b_z$"))
-    goal, of_goal = (lambda run: measures.directions(run, measures.aims(run))[:, 0]), ("$b_d$",)
-    curves(panel, all_runs, name, goal, ls=":", labels=of_goal, marks=False)
-    curves(
-        panel, all_runs, name, lambda run: np.sum(measures.directions(run)[:, 0] ** 2, axis=1), (BLACK,), ls="--",
-        labels=(r"$\|b\|^2$",), marks=False,
-    )  # fmt: skip
-    finish(panel, "Coordinates $b$ and $b_d$", "component [1]")
-
-
-def controls(panel: Any, all_runs: AllRuns, name: str, title: str = "", top: float | None = None) -> None:
-    """Every u."""
-    count = first_of(all_runs, name).force_densities.shape[1]
-    labels = [f"$u_{{{number + 1}}}$" for number in range(count)] if count <= 4 else ()
-    curves(panel, all_runs, name, lambda run: run.force_densities, labels=labels)
-    if top is not None:
-        thesis_axis(panel, 0.0, top)
-    finish(panel, title or f"Controls $u_1 \\ldots u_{{{count}}}$", "force density [N/m]")
-
-
-def multipliers(panel: Any, all_runs: AllRuns, name: str, bottom: float | None = None) -> None:
-    """Every λ."""
-    count = first_of(all_runs, name).multipliers.shape[1]
-    labels = [rf"$\lambda_{{{number + 1}}}$" for number in range(count)] if count > 1 else ()
-    curves(panel, all_runs, name, lambda run: run.multipliers, labels=labels)
-    if bottom is not None:
-        thesis_axis(panel, bottom, 0.0)
-    finish(panel, "Lagrange multiplier" + ("s" if count > 1 else "") + r" $\lambda$", r"$\lambda$ [1/s²]")
-
-
-def errors(panel: Any, all_runs: AllRuns, name: str) -> None:
-    """‖e_b‖ full and ‖e_r‖ dashed, a colour for each rod."""
-    curves(panel, all_runs, name, measures.rotation_errors, labels=[rf"$\|e_{{b_{n}}}\|$" for n in (1, 2, 3)])
-    curves(panel, all_runs, name, measures.translation_errors, ls="--")
-    thesis_axis(panel, 0.0, 0.3)
-    finish(panel, r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)", "$b$ [1], $r$ [m]")
-
-
 def space_paths(
     all_runs: AllRuns, names: Sequence[str], colors: Sequence[str], labels: Sequence[str], title: str
 ) -> Figure:
@@ -235,40 +191,28 @@ def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
     return figure
 
 
-def rows_of_panels(all_runs: AllRuns, names: Sequence[str], titles: Sequence[str]) -> Figure:
-    """Figures 5.4 and 6.4: for each experiment a line of coordinates, controls and λ."""
-    figure, grid = panels(len(names), 3)
-    for row, name, title in zip(grid, names, titles, strict=True):
-        coordinates(row[0], all_runs, name)
-        row[0].set_title(title, fontsize=9.5)
-        controls(row[1], all_runs, name, top=0.06)
-        multipliers(row[2], all_runs, name, bottom=-0.3)
-    engines_note(figure, all_runs, BAND)
-    return figure
+def snapshots(
+    all_runs: AllRuns, names: Sequence[str], times: Sequence[float], axes: Sequence[float], height: float
+) -> Figure:
+    """Figures 4.2 and 4.8: the first engine's structure at some times, with the second engine's nodes as circles.
 
-
-def parts_of_lyapunov(all_runs: AllRuns, names: Sequence[str], titles: Sequence[str]) -> Figure:
-    """Figure 6.6: the orientation terms of V, those with velocities, and their sum."""
-    figure, grid = panels(1, len(names), height=3.0)
-    drawn = (
-        ("lyapunov_error", RED, "orientation"),
-        ("lyapunov_velocity", GREEN, "velocity"),
-        ("lyapunov", BLUE, "sum"),
-    )
-    for panel, name, title in zip(grid[0], names, titles, strict=True):
-        for quantity, color, label in drawn:
-            curves(panel, all_runs, name, operator.attrgetter(quantity), (color,), labels=(label,))
-        finish(panel, title, "[1]")
-    engines_note(figure, all_runs)
-    return figure
-
-
-def prism_panels(all_runs: AllRuns, names: Sequence[str]) -> Figure:
-    """Figures 5.7 and 6.9: errors, controls and λ."""
+    Args:
+        axes: in x and in y [m], from and to.
+    """
     (name,) = names
-    figure, grid = panels(1, 3, height=3.2)
-    errors(grid[0, 0], all_runs, name)
-    controls(grid[0, 1], all_runs, name, top=0.15)
-    multipliers(grid[0, 2], all_runs, name, bottom=-0.5)
-    engines_note(figure, all_runs, BAND)
+    broad = height * (axes[1] - axes[0]) / (axes[3] - axes[2])
+    figure, grid = panels(len(times) // 2, 2, height=height, width=broad)
+    for panel, time in zip(grid.ravel(), times, strict=True):
+        for number, (_, run) in enumerate(versions_of(all_runs, name)):
+            nodes, structure = measures.at(run, time, run.nodes)[:, [0, 2]], run.scene.structure
+            if number == 0:
+                width = 1.2 if len(structure.rods) > 4 else 2.2
+                members(panel, nodes, structure.rod_nodes, structure.string_nodes, width, 0.7)
+            else:
+                circles(panel, *nodes.T, color=RED, size=3.5, width=0.6)
+        panel.set_xlim(*axes[:2])
+        panel.set_ylim(*axes[2:])
+        panel.set_aspect("equal")
+        finish(panel, f"t = {time:.2f} s", "y [m]", "x [m]")
+    engines_note(figure, all_runs)
     return figure

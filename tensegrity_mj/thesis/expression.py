@@ -51,7 +51,7 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "abs": np.abs,
     "all": np.all,
     "angles": angles,
-    "degrees": math.degrees,
+    "degrees": np.degrees,
     "diff": np.diff,
     "each": each,
     "len": len,
