@@ -58,6 +58,7 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "log10": math.log10,
     "max": largest_of,
     "mean": np.mean,
+    "median": np.median,
     "min": np.min,
     "norm": lambda values: np.linalg.norm(values, axis=-1),
     "of": of,

@@ -21,11 +21,6 @@ def directions(run: Trajectory, nodes: Array | None = None) -> Array:
     return rods.directions(run.scene.structure, run.nodes if nodes is None else nodes)
 
 
-def rates(run: Trajectory) -> Array:
-    """ḃ (T, R, 3) of every rod [1/s]."""
-    return directions(run, run.velocities)
-
-
 def points(run: Trajectory, nodes: Array | None = None) -> Array:
     """r (T, R, 3) of every rod."""
     return rods.support_points(run.scene.structure, run.nodes if nodes is None else nodes)

@@ -16,7 +16,6 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.beam_in_waves import GRAVITY, STEEPNESS
 from tensegrity_mj.library.thesis_towers import appendix_beam
-from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.thesis.appendix_c.beam_tasks import INITIAL_LENGTH
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
@@ -34,11 +33,6 @@ class Buckling(NamedTuple):
 def length_ratio(run: BeamRun, beam: str) -> float:
     """Length after form-finding over that before."""
     return float(run.of(beam, "length")) / INITIAL_LENGTH
-
-
-def median_stress(run: BeamRun, beam: str) -> float:
-    """[MPa] of the rods' compression after form-finding."""
-    return float(np.median(run.of(beam, "stresses"))) / 1e6
 
 
 def initial(run: BeamRun, beam: str, axis: int = 0) -> float:
@@ -153,20 +147,12 @@ def beam_structure() -> Structure:
     return appendix_beam("TB1", form_found=False).structure
 
 
-def _section() -> Section:
-    section = beam_structure().rods[0].section
-    assert section is not None
-    return section
-
-
 def euler_load() -> float:
     """[kN] of a rod."""
-    return _section().euler_load(float(beam_structure().rod_lengths[0])) / 1e3
-
-
-def euler_stress() -> float:
-    """[MPa] of a rod."""
-    return 1e3 * euler_load() / _section().area / 1e6
+    structure = beam_structure()
+    section = structure.rods[0].section
+    assert section is not None
+    return section.euler_load(float(structure.rod_lengths[0])) / 1e3
 
 
 # ------------------------------------------------------------------------------------------------- several beams

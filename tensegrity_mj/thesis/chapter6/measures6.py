@@ -12,7 +12,7 @@ from tensegrity_mj.thesis import measures
 
 def _scalars(run: Trajectory) -> tuple[Array, ...]:
     """b_dᵀb, b_dᵀḃ, ḃᵀḃ of the first rod, (T,) each."""
-    b, rate = measures.directions(run)[:, 0], measures.rates(run)[:, 0]
+    b, rate = measures.directions(run)[:, 0], measures.directions(run, run.velocities)[:, 0]
     goal = measures.directions(run, measures.aims(run))[:, 0]
     return np.sum(goal * b, axis=1), np.sum(goal * rate, axis=1), np.sum(rate * rate, axis=1)
 
