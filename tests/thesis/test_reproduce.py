@@ -360,6 +360,17 @@ def test_figures_are_drawn_from_one_engine_too(made: Reproduction) -> None:
     assert all(line.get_marker() != "o" or len(line.get_xdata()) == 1 for line in lines)  # a dot, no circles
 
 
+def test_panels_are_drawn_of_their_expressions(made: Reproduction) -> None:
+    figure = next(one for one in FIGURES if one.number == "6.6")
+    runs_of = made.computed.runs[EngineName.DAE]
+    for panel, name in zip(figure.draw({EngineName.DAE: runs_of}).axes, ("mirror-b", "mirror-bd"), strict=True):
+        run = runs_of[name]
+        curves = {line.get_label(): line.get_ydata() for line in panel.get_lines()}
+        assert list(curves) == ["orientation", "velocity", "sum"]
+        wanted = (run.lyapunov_error, run.lyapunov_velocity, run.lyapunov)
+        assert all(np.array_equal(curve, values) for curve, values in zip(curves.values(), wanted, strict=True))
+
+
 def test_a_second_call_computes_nothing_and_damage_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[str] = []
     real = simulate_experiment
