@@ -110,12 +110,12 @@ def test_display(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # Root may write anywhere: that the tree is read-only is said to what tries.
 READ_ONLY_TREE = """
-from tensegrity_mj.dynamics.native import kept
-def try_to_write(folder, really=kept._try_to_write):
-    if folder.name == "__pycache__":
+import pathlib, tempfile
+def temporary_file(dir, really=tempfile.TemporaryFile):
+    if pathlib.Path(dir).name == "__pycache__":
         raise OSError("read-only")
-    really(folder)
-kept._try_to_write = try_to_write
+    return really(dir=dir)
+tempfile.TemporaryFile = temporary_file
 """
 
 
