@@ -16,7 +16,6 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.basics.hints import hints_of
 from tensegrity_mj.basics.installed import installed, load
 
 if TYPE_CHECKING:
@@ -41,6 +40,8 @@ class NamedLaw:
     @cached_property
     def options(self) -> dict[str, Any]:
         """The type hint of each option, by name: what files may hold for it, see `basics.hints`."""
+        from tensegrity_mj.basics.hints import hints_of  # needs numpy, which help does not
+
         hints, arguments = hints_of(self.law), signature(self.law).parameters.values()
         named = [one.name for one in arguments if one.kind is not one.VAR_KEYWORD and one.name not in OF_SCENE]
         return {name: hints.get(name) for name in named} | dict(self.more)

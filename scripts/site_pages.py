@@ -35,6 +35,8 @@ ROOMS = (
     "statics",
     "studies",
     "studies.tradeoff",
+    "studies.tasks",
+    "gymnasium",
     "linearization",
     "library",
     "exchange",

@@ -14,8 +14,9 @@ from extreme_scenes import extreme
 from tensegrity_mj import DAE, ODE, Actuation, Integrator, MuJoCo, controllers, simulate, stable_step
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.reference.adaptive import SWITCH_TOLERANCE, _bisect
+from tensegrity_mj.engines.reference.adaptive import SWITCH_TOLERANCE
 from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.reference.turns import bisect
 from tensegrity_mj.errors import DivergenceError, OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.simulation import Engine
@@ -59,7 +60,7 @@ def test_laws_of_structures_without_strings_are_refused(law: str) -> None:
 def test_instants_are_found_where_times_are_coarser_than_the_tolerance(start: float) -> None:
     """At 1e7 s neighbouring floats are 2e-9 s apart: no two times are as near as 1e-10 s."""
     last = start + 1.0
-    before, after = _bisect(lambda t: t < start + 0.25, start, last)
+    before, after = bisect(lambda t: t < start + 0.25, start, last, SWITCH_TOLERANCE)
     assert before < start + 0.25 <= after
     assert after - before <= max(SWITCH_TOLERANCE, math.ulp(last))
 

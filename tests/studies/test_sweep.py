@@ -609,7 +609,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[0].split() == ["law.decay_rate", "status", "end", "time"]
     assert lines[1].split() == ["0", "0.1", "completed", "0.2"]
     assert lines[2].split() == ["1", "-1", "failed", "-"]
-    assert "why not completed: OptionError: decay_rate = -1" in lines[3]
+    assert "why not completed: OptionError: scene 'pinned_rod': decay_rate = -1" in lines[3]
     assert "1 completed, 1 failed" in "\n".join(lines)
 
 
