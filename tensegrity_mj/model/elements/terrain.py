@@ -99,7 +99,7 @@ class Area(Terrain):
     """A terrain by a formula, about the origin.
 
     Attributes:
-        size: of its sides along x and y [m].
+        size: of its sides along x and y [m], rounded to whole spacings to either side of the origin.
     """
 
     size: tuple[float, float] = field(each("[x, y] [m]", x=positive("m"), y=positive("m")), default=(10.0, 10.0))
@@ -116,7 +116,7 @@ class Area(Terrain):
             )
         if min(self.size) < 2 * self.spacing:
             raise refused(
-                self, f"size = {list(self.size)} m; each side must be at least two spacings, {self.spacing:g} m"
+                self, f"size = {list(self.size)} m; each side must be at least two spacings, {2 * self.spacing:g} m"
             )
 
     def grid(self) -> tuple[Array, Array, Array]:
