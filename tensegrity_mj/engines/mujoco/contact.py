@@ -87,7 +87,7 @@ class Contacts:
     def __init__(self, structure: Structure, model: mujoco.MjModel, run: Table) -> None:
         """`run`: the table of the run, in which it is set."""
         self.structure, self.model = structure, model
-        dofs, inertia = _spins(structure, model)
+        dofs, inertia = spins(structure, model)
         run.set(touches=1, kept_rates=np.zeros(model.nv), spin_count=len(dofs), spin_dofs=dofs, spin_inertia=inertia)
         self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 
@@ -143,7 +143,7 @@ class Contacts:
         mujoco.mj_forward(model, data)
 
 
-def _spins(structure: Structure, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
+def spins(structure: Structure, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
     """The degrees of freedom that turn a rod about its own axis, and the moments of inertia [kg m²] about them."""
     dofs, inertia = [], []
     for rod in structure.rods:
