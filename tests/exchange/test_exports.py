@@ -77,7 +77,7 @@ def test_what_warp_refuses_is_left_out_and_said(name: str, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_the_guide_to_mjx_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("mujoco.mjx", reason="the extra jax is not installed")
+    pytest.importorskip("mujoco.mjx", reason="the extra mjx is not installed")
     monkeypatch.chdir(tmp_path)
     page = Path(__file__).parents[2] / "docs" / "exchange.md"
     (block,) = re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)

@@ -1,0 +1,76 @@
+"""What members, elements and laws are to this engine: parameters, and functions of them and of arrays.
+
+Positions x [m] and velocities v [m/s] are (N, 3, ...) with batches last, and so is what functions return. Parameters are
+arrays without a batch, or with it last. Functions are called within `jax.jit`, `jax.grad` and `jax.vmap`: they use
+`jax.numpy` and no Python branch on values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import jax
+import numpy as np
+
+from tensegrity_mj.basics.arrays import IntArray
+
+jax.config.update("jax_enable_x64", True)  # before any array is made; rods of 32 bits lose their lengths
+
+Arrays: TypeAlias = Mapping[str, Any]  # parameters by name; a value may be a mapping of its own
+
+
+@dataclass(frozen=True)
+class ArrayEffect:
+    """An element as array functions of its parameters p: an energy, a dissipation potential, a force, or several.
+
+    Attributes:
+        parameters: numbers that may be changed and differentiated, as floats or arrays, by the names of their fields.
+        energy: (p, t, x) -> (...) [J] that is stored; its forces are minus its gradient.
+        dissipation: (p, t, x, v) -> (...) [W], whose forces are minus its gradient by v.
+        force: (p, t, x, v) -> (N, 3, ...) [N], of what has no potential.
+        given: (p, t, x, v) -> (...) [W], of what loses its work in surroundings that move: what these give.
+        alpha: (p, t, x) -> (R, 2, 2, ...) [kg], added mass as `Element.alpha`.
+        gives: whether the work of `force` is external; else it is lost.
+    """
+
+    parameters: Arrays = field(default_factory=dict)
+    energy: Callable[[Arrays, Any, Any], Any] | None = None
+    dissipation: Callable[[Arrays, Any, Any, Any], Any] | None = None
+    force: Callable[[Arrays, Any, Any, Any], Any] | None = None
+    given: Callable[[Arrays, Any, Any, Any], Any] | None = None
+    alpha: Callable[[Arrays, Any, Any], Any] | None = None
+    gives: bool = False
+
+
+@dataclass(frozen=True)
+class ArrayLaw:
+    """A law as an array function.
+
+    Attributes:
+        parameters: numbers that may be changed and differentiated: gains, rates, weights of a network.
+        command: (p, t, x, v) -> u (M, ...) [N/m], or rest lengths [m], and its report (5, ...) as `Report`.
+        returns_lengths: whether it returns rest lengths.
+    """
+
+    parameters: Arrays
+    command: Callable[[Arrays, Any, Any, Any], tuple[Any, Any]]
+    returns_lengths: bool = False
+
+
+def incidence(pairs: IntArray, count: int) -> Any:
+    """(S, N): times positions, the spans from the first to the second node of pairs (S, 2).
+
+    A product with it is differentiated into a product with its transpose, where a gather becomes a scatter.
+    """
+    out = np.zeros((len(pairs), count))
+    rows = np.arange(len(pairs))
+    np.add.at(out, (rows, pairs[:, 0]), -1.0)
+    np.add.at(out, (rows, pairs[:, 1]), 1.0)
+    return out
+
+
+def times(matrix: Any, vectors: Any) -> Any:
+    """A matrix (A, N) times vectors (N, 3, ...) -> (A, 3, ...)."""
+    return jax.numpy.tensordot(matrix, vectors, 1)
