@@ -80,6 +80,7 @@ class NativeLaw:
         reason: why a Python law had no solution when it was last called, in a list of at most one text.
         spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
         stateless: its answer depends on its arguments alone, and threads may call it at the same time.
+        own: the law as it was given, for an engine that does not call C functions.
     """
 
     address: int
@@ -97,6 +98,7 @@ class NativeLaw:
     decay_rate: float | None = None
     spent: list[float] | None = None
     stateless: bool = False
+    own: Any = None
 
 
 # Fields of a view of what is put around a law: the law within, as a C function.
@@ -154,7 +156,7 @@ def native_law(
             )
         spread = around(native, *rope_law(structure, native.address, native.context, densities))
         native = replace(spread, command=Command.REST_LENGTH)
-    return replace(native, description=_description(law) if description is None else description)
+    return replace(native, description=_description(law) if description is None else description, own=law)
 
 
 def _description(law: Any) -> dict[str, Any]:
