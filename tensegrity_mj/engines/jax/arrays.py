@@ -1,7 +1,7 @@
 """What members, elements and laws are to this engine: parameters, and functions of them and of arrays.
 
-Positions x [m] and velocities v [m/s] are (N, 3, ...) with batches last, and so is what functions return. Parameters are
-arrays without a batch, or with it last. Functions are called within `jax.jit`, `jax.grad` and `jax.vmap`: they use
+Positions x [m] and velocities v [m/s] are (N, 3, ...) with batches last, and so is what functions return. Parameters
+are arrays without a batch, or with it last. Functions are called within `jax.jit`, `jax.grad` and `jax.vmap`: they use
 `jax.numpy` and no Python branch on values.
 """
 
@@ -74,3 +74,12 @@ def incidence(pairs: IntArray, count: int) -> Any:
 def times(matrix: Any, vectors: Any) -> Any:
     """A matrix (A, N) times vectors (N, 3, ...) -> (A, 3, ...)."""
     return jax.numpy.tensordot(matrix, vectors, 1)
+
+
+def lifted(array: Any, like: Any, leading: int = 1) -> Any:
+    """An array with as many batches as another one has behind its `leading` dimensions, of size one where it had none.
+
+    So that (M,) and (M, B) broadcast alike with (M, 3, B).
+    """
+    array = jax.numpy.asarray(array)
+    return array.reshape(array.shape + (1,) * (jax.numpy.ndim(like) - leading - (array.ndim - leading)))

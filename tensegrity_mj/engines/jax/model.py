@@ -1,0 +1,283 @@
+"""A scene, its law and its actuation as pure functions of parameters: rates, steps, what is observed.
+
+`Model.run` is one array function from parameters to a run, for `jax.jit`, `jax.grad` and `jax.jacfwd`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.jax.arrays import ArrayEffect, ArrayLaw, Arrays, lifted, times
+from tensegrity_mj.engines.jax.strings import Strings
+from tensegrity_mj.engines.jax.system import Mobility, System
+from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.scene import Scene
+
+STORED, LOST, EXTERNAL, WINCH = range(4)  # the works [J] that are integrated or counted beside the motion
+REPORTS = 5  # numbers of a law's report
+
+
+class State(NamedTuple):
+    """What is integrated: s and ṡ of `System`, and the works [J] (4, ...)."""
+
+    places: Any
+    rates: Any
+    works: Any
+
+
+class Held(NamedTuple):
+    """What is held from sample to sample: rest lengths or force densities (M, ...), and the law's report (5, ...)."""
+
+    command: Any
+    report: Any
+
+
+class Observed(NamedTuple):
+    """What is recorded at an instant; of a run, with times first.
+
+    Attributes:
+        nodes, velocities: (N, 3, ...) [m], [m/s].
+        lengths, rest_lengths: of the strings (M, ...) [m].
+        elastic_tensions, tensions: (M, ...) [N].
+        rod_force_densities: (R, ...) [N/m] of rigid rods, negative in compression; NaN of elastic ones.
+        constraint_forces: (C, ...) [N].
+        works: (4, ...) [J]: Σ ∫ T_elastic dL, what is lost, given from outside, given by winches at jumps of L0.
+        report: (5, ...) of the law.
+    """
+
+    nodes: Any
+    velocities: Any
+    lengths: Any
+    rest_lengths: Any
+    elastic_tensions: Any
+    tensions: Any
+    rod_force_densities: Any
+    constraint_forces: Any
+    works: Any
+    report: Any
+
+
+class Prepared(NamedTuple):
+    """What parameters give once and for all: W and its like."""
+
+    parameters: Arrays
+    mobility: Mobility | None
+
+
+class Model:
+    """A scene under a law, as functions of parameters.
+
+    Attributes:
+        parameters: the scene's own: `rest_lengths`, `stiffness`, `damping` (M,) of the strings, `rod_masses` (R,),
+            `point_masses` (P,), `gravity` (3,), `nodes` and `velocities` (N, 3) of the start, `effects`, a list of
+            mappings in the order of `scene.effects`, and `law`. Nodes and velocities may have a batch last, as may
+            what is per string.
+    """
+
+    def __init__(
+        self, scene: Scene, effects: list[ArrayEffect], law: ArrayLaw | None, actuation: Actuation, window: float
+    ) -> None:
+        self.scene, self.structure, self.law, self.effects = scene, scene.structure, law, effects
+        self.system, self.strings = System(scene), Strings(scene.structure, window)
+        self.mode = actuation.mode if law is not None else None
+        self.period = actuation.period
+        self.limits = {name: self.structure.limits(name) for name in ("max_force_density", "min_rest_length")}
+        self.limited = any(np.isfinite(values).any() for values in self.limits.values())
+        self.reach = self.structure.limits("winch_speed") * (actuation.period or np.inf)
+        self.parameters: dict[str, Any] = {
+            **self.system.parameters(),
+            **self.strings.parameters(self.structure),
+            "nodes": np.array(scene.nodes0),
+            "velocities": np.array(scene.velocities0),
+            "effects": [dict(effect.parameters) for effect in effects],
+            "law": {} if law is None else law.parameters,
+        }
+
+    def prepare(self, parameters: Arrays) -> Prepared:
+        """What does not change within a run."""
+        return Prepared(parameters, None if self.system.wet else self.system.mobility(parameters))
+
+    def start(self, at: Prepared) -> tuple[State, Held]:
+        """The state at t = 0, and what is held from there."""
+        nodes, velocities = (jnp.asarray(at.parameters[name]) for name in ("nodes", "velocities"))
+        places, rates = self.system.state(nodes, velocities)
+        works = jnp.zeros((4, *nodes.shape[2:]))
+        rest = jnp.broadcast_to(lifted(at.parameters["rest_lengths"], works), self._per_string(works))
+        state, held = State(places, rates, works), Held(rest, jnp.full((REPORTS, *works.shape[1:]), np.nan))
+        return (state, held) if not self.sampled else self.sample(at, 0.0, state, held, self.whole, first=True)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a law is sampled."""
+        return self.mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)
+
+    @property
+    def whole(self) -> Array:
+        """(M,) ones, of strings none of which is broken."""
+        return np.ones(len(self.structure.strings))
+
+    def _per_string(self, works: Any) -> tuple[int, ...]:
+        return (len(self.structure.strings), *works.shape[1:])
+
+    def _command(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any) -> tuple[Any, Any]:
+        """The law's rest lengths (M, ...) within its limits, and its report."""
+        assert self.law is not None
+        command, report = self.law.command(at.parameters["law"], t, x, v)
+        k = lifted(at.parameters["stiffness"], lengths)
+        if self.limited:
+            most, least = (lifted(self.limits[name], lengths) for name in ("max_force_density", "min_rest_length"))
+            if self.law.returns_lengths:
+                command = jnp.maximum(jnp.maximum(command, least), lengths * (1 - most / k))
+            else:
+                command = jnp.minimum(jnp.minimum(command, most), k * (1 - least / lengths))
+        if not self.law.returns_lengths:
+            command = self.strings.rest_lengths(at.parameters, lengths, command)
+        return command, jnp.broadcast_to(lifted(report, lengths), (REPORTS, *lengths.shape[1:]))
+
+    def _rest(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any, held: Held) -> tuple[Any, Any]:
+        """Rest lengths (M, ...) now, and the report of the law."""
+        if self.mode is Mode.CONTINUOUS:
+            return self._command(at, t, x, v, lengths)
+        if self.mode is Mode.HOLD_FORCE_DENSITY:
+            return self.strings.rest_lengths(at.parameters, lengths, held.command), held.report
+        return held.command, held.report
+
+    def sample(
+        self, at: Prepared, t: Any, state: State, held: Held, whole: Any, first: bool = False
+    ) -> tuple[State, Held]:
+        """Renew what is held; the winches' work at the jump of the rest lengths is counted."""
+        x, v, _ = self._nodes(t, state)
+        lengths = self.strings.measure(x, v)[0]
+        before = held.command if first else self._rest(at, t, x, v, lengths, held)[0]
+        rest, report = self._command(at, t, x, v, lengths)
+        if self.mode is Mode.HOLD_REST_LENGTH:
+            reach = lifted(self.reach, rest)
+            rest = jnp.clip(rest, before - reach, before + reach)
+            command = rest
+        else:
+            command = lifted(at.parameters["stiffness"], rest) * (1 - rest / lengths)
+        energies = (self.strings.energy(at.parameters, lengths, one, whole).sum(axis=0) for one in (before, rest))
+        old, new = energies
+        return state._replace(works=state.works.at[WINCH].add(new - old)), Held(command, report)
+
+    def _nodes(self, t: Any, state: State) -> tuple[Any, Any, tuple[Any, ...]]:
+        """x and v (N, 3, ...), and y, ẏ and what is prescribed."""
+        prescribed = self.system.prescribed(t)
+        y = self.system.vectors(state.places, prescribed[0])
+        rates = self.system.vectors(state.rates, prescribed[1])
+        return self.system.nodes(y, prescribed[0]), self.system.nodes(rates, prescribed[1]), (y, rates, prescribed)
+
+    def _acting(self, at: Prepared, t: Any, x: Any, v: Any) -> tuple[Any, Any, Any]:
+        """Forces of the elements (N, 3, ...), and the powers that are lost and given (...) [W]."""
+        total, lost, given = jnp.zeros_like(x), jnp.zeros(x.shape[2:]), jnp.zeros(x.shape[2:])
+        for effect, p in zip(self.effects, at.parameters["effects"], strict=True):
+            if effect.energy is not None:
+                energy: Callable[..., Any] = effect.energy
+                total = total - jax.grad(lambda x, f=energy, p=p: jnp.sum(f(p, t, x)))(x)
+            forces: Any = 0.0
+            if effect.dissipation is not None:
+                potential: Callable[..., Any] = effect.dissipation
+                forces = forces - jax.grad(lambda v, f=potential, p=p: jnp.sum(f(p, t, x, v)))(v)
+            if effect.force is not None:
+                forces = forces + effect.force(p, t, x, v)
+            power = jnp.sum(forces * v, axis=(0, 1))
+            total = total + forces
+            if effect.gives:
+                given = given + power
+                continue
+            driven = 0.0 if effect.given is None else effect.given(p, t, x, v)
+            lost, given = lost + driven - power, given + driven
+        return total, lost, given
+
+    def evaluate(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> tuple[State, Observed, Any]:
+        """The state's rates, what is observed of it, and the accelerations of the nodes (N, 3, ...)."""
+        x, v, (y, rates, prescribed) = self._nodes(t, state)
+        p, system = at.parameters, self.system
+        lengths, speeds, units = self.strings.measure(x, v)
+        rest, report = self._rest(at, t, x, v, lengths, held)
+        elastic, tensions = self.strings.tighten(p, lengths, speeds, rest, whole)
+        acting, lost, given = self._acting(at, t, x, v)
+        forces = self.strings.pull(units, tensions) + acting
+        mobility, alphas = at.mobility, None
+        if mobility is None:
+            answers = [(one, q) for one, q in zip(self.effects, p["effects"], strict=True) if one.alpha is not None]
+            alphas = sum(one.alpha(q, t, x) for one, q in answers)  # type: ignore[misc]
+            mobility = system.mobility(p, system.added(alphas, x))
+        weight = lifted(mobility.mass @ system.shifted, forces, 1)[:, None] * lifted(p["gravity"], forces, 1)[None]
+        outer = times(system.maps.T, forces) + weight
+        moved = prescribed[2]
+        if alphas is not None:  # of accelerations that supports prescribe
+            outer = outer - jnp.einsum("cidj...,dj...->ci...", system.added(alphas, x), lifted(moved.vectors, y, 2))
+        found, mu, reactions = system.accelerate(mobility, y, rates, outer, moved)
+        accelerations = system.nodes(found, moved)
+        if alphas is not None:
+            answer = self._answer(alphas, x, accelerations)
+            lost = lost - jnp.sum(answer * v, axis=(0, 1))
+            reactions = reactions - times(system.maps.T, answer)
+        if not system.still:  # what moves supports and fixed nodes gives their reactions' work
+            given = given + jnp.sum(reactions * lifted(prescribed[1].vectors, y, 2), axis=(0, 1))
+            given = given - jnp.sum(forces * lifted(prescribed[1].nodes, x, 2), axis=(0, 1))
+        stored = jnp.sum(elastic * speeds, axis=0)
+        lost = lost + jnp.sum((tensions - elastic) * speeds, axis=0)
+        powers = jnp.stack([stored, lost, given, jnp.zeros_like(stored)])
+        densities = jnp.full((len(self.structure.rods), *mu.shape[1:]), np.nan)
+        densities = densities.at[system.rigid].set(mu[: len(system.rigid)])
+        observed = Observed(
+            x, v, lengths, rest, elastic, tensions, densities, self._held_by(reactions), state.works, report
+        )
+        return State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers), observed, accelerations
+
+    def _answer(self, alphas: Any, x: Any, accelerations: Any) -> Any:
+        """-α P a on the nodes (N, 3, ...)."""
+        i, j = (np.eye(len(x))[self.structure.rod_nodes[:, end]] for end in range(2))
+        ends = jnp.stack([times(i, accelerations), times(j, accelerations)])
+        across = self.system.across(times(j - i, x))
+        out = -jnp.einsum("rab...,rij...,brj...->ari...", alphas, across, ends)
+        return times(i.T, out[0]) + times(j.T, out[1])
+
+    def _held_by(self, reactions: Any) -> Any:
+        """(C, ...) [N] of the linear constraints, of the forces (C, 3, ...) of all that holds."""
+        count = len(self.structure.constraints)
+        out = jnp.zeros((count, *reactions.shape[2:]))
+        if not count:
+            return out
+        nu = jnp.tensordot(self.system.inverse.T, reactions.reshape(-1, *reactions.shape[2:]), 1)
+        rows = [row for row, link in enumerate(self.system.links) if link >= 0]
+        return out.at[np.array([self.system.links[row] for row in rows])].set(nu[np.array(rows)])
+
+    def rates(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> State:
+        """Rates of the state alone."""
+        return self.evaluate(at, t, state, held, whole)[0]
+
+    def step(self, at: Prepared, t: Any, h: float, state: State, held: Held, whole: Any) -> State:
+        """A step of classical Runge-Kutta, and lengths as they are to be."""
+        add: Callable[..., Any] = lambda x, k, f: jax.tree.map(lambda a, b: a + f * b, x, k)  # noqa: E731
+        one = self.rates(at, t, state, held, whole)
+        two = self.rates(at, t + 0.5 * h, add(state, one, 0.5 * h), held, whole)
+        three = self.rates(at, t + 0.5 * h, add(state, two, 0.5 * h), held, whole)
+        four = self.rates(at, t + h, add(state, three, h), held, whole)
+        mean = jax.tree.map(lambda a, b, c, d: (a + 2 * (b + c) + d) / 6, one, two, three, four)
+        return self.projected(at, t + h, add(state, mean, h))
+
+    def projected(self, at: Prepared, t: Any, state: State) -> State:
+        """With rods as long, and bodies as rigid, as they are."""
+        if not len(self.system.pairs):
+            return state
+        _, _, (y, rates, (place, rate, _)) = self._nodes(t, state)
+        mobility = at.mobility or self.system.mobility(at.parameters)
+        y, rates = self.system.projected(mobility, y, rates)
+        return state._replace(places=self.system.reduced(y, place), rates=self.system.reduced(rates, rate))
+
+    def lose(self, at: Prepared, t: Any, state: State, held: Held, whole: Any, left: Any) -> State:
+        """The energy of the strings that break is lost: those of `whole` (M,) that are not `left`."""
+        x, v, _ = self._nodes(t, state)
+        lengths = self.strings.measure(x, v)[0]
+        rest = self._rest(at, t, x, v, lengths, held)[0]
+        gone = self.strings.energy(at.parameters, lengths, rest, whole - left).sum(axis=0)
+        return state._replace(works=state.works.at[LOST].add(gone).at[STORED].add(-gone))

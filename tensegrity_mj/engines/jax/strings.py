@@ -1,0 +1,94 @@
+"""The string law as array functions: T = max(0, k (L - L0) + c dL/dt) where L > L0, else 0; energies; pulls on nodes.
+
+When a damped string comes taut its tension jumps from 0 to c dL/dt. A state x(t; p) that goes through a jump Δf of its
+rate at the instant where s(x) = 0 keeps the derivative δx⁺ = δx⁻ + Δf δs/ṡ (the saltation of Aizerman and Gantmacher),
+which differentiating the steps misses: each is on one side of the jump. Here the tension has the derivative Δf δ_w(s) ds
+besides, with a kernel of integral one over the time w, so that the steps within sum up to the jump's term. The value is
+that of the law, without any ramp.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, times
+from tensegrity_mj.model.structure import Structure
+
+
+class Strings:
+    """The strings of a structure.
+
+    Attributes:
+        window: [s] over which derivatives spread the jump of a damped string that comes taut.
+    """
+
+    def __init__(self, structure: Structure, window: float) -> None:
+        paths = structure.paths
+        self.window, self.clipped = window, structure.clipped
+        self.segments = incidence(paths.nodes, len(structure.nodes))
+        self.total = np.zeros((len(paths.ranges), len(paths.nodes)))
+        self.total[paths.strings, np.arange(len(paths.nodes))] = 1.0
+        self.simple = len(paths.nodes) == len(paths.ranges)
+
+    def parameters(self, structure: Structure) -> dict[str, Any]:
+        """Rest lengths [m], stiffness [N/m] and damping [N s/m], (M,)."""
+        return {name: np.array(getattr(structure, name)) for name in ("rest_lengths", "stiffness", "damping")}
+
+    def measure(self, x: Any, v: Any) -> tuple[Any, Any, Any]:
+        """Lengths [m] and rates [m/s] of strings (M, ...), and the unit vectors of segments (S, 3, ...)."""
+        spans = times(self.segments, x)
+        square = jnp.sum(spans**2, axis=1)
+        lengths = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        units = spans / jnp.where(square > 0, lengths, 1.0)[:, None]
+        rates = jnp.sum(units * times(self.segments, v), axis=1)
+        if self.simple:
+            return lengths, rates, units
+        return jnp.tensordot(self.total, lengths, 1), jnp.tensordot(self.total, rates, 1), units
+
+    def tighten(self, p: Arrays, lengths: Any, rates: Any, rest: Any, whole: Any) -> tuple[Any, Any]:
+        """Elastic and total tensions (M, ...) [N]; `whole` (M,) is 0 for broken strings."""
+        stretch = lengths - rest
+        k, c, whole = (lifted(one, stretch) for one in (p["stiffness"], p["damping"], whole))
+        clipped = lifted(self.clipped, stretch)
+        taut = (stretch > 0) & (whole > 0)
+        elastic = jnp.where(taut, k * stretch, 0.0)
+        push = c * rates
+        both = elastic + push
+        tension = jnp.where(taut, jnp.where(clipped, jnp.maximum(both, 0.0), both), 0.0)
+        jump = whole * jnp.where(clipped, jnp.maximum(push, 0.0), push)
+        return elastic, tension + _jump(stretch, jump, rates, self.window)
+
+    def energy(self, p: Arrays, lengths: Any, rest: Any, whole: Any) -> Any:
+        """½ k (L - L0)² of what is taut (M, ...) [J]."""
+        stretch = jnp.maximum(lengths - rest, 0.0)
+        return 0.5 * lifted(whole, stretch) * lifted(p["stiffness"], stretch) * stretch**2
+
+    def rest_lengths(self, p: Arrays, lengths: Any, densities: Any) -> Any:
+        """L0 (M, ...) at which strings have force densities u: T = u L."""
+        return lengths * (1.0 - densities / lifted(p["stiffness"], lengths))
+
+    def pull(self, units: Any, tensions: Any) -> Any:
+        """Forces on the nodes (N, 3, ...) [N]: the two of each segment are pulled together."""
+        along = tensions if self.simple else jnp.tensordot(self.total.T, tensions, 1)
+        return -times(self.segments.T, along[:, None] * units)
+
+
+@jax.custom_jvp
+def _jump(stretch: Any, jump: Any, rates: Any, window: Any) -> Any:
+    """Nothing, with the derivative jump · δ_w(stretch)."""
+    return jnp.zeros_like(stretch)
+
+
+@_jump.defjvp
+def _jump_derivative(at: tuple[Any, ...], changes: tuple[Any, ...]) -> tuple[Any, Any]:
+    stretch, jump, rates, window = at
+    # Half a raised cosine on each side, by the time to the crossing: steps that divide the window sum up to one exactly.
+    width = jnp.abs(rates) * window
+    inside = jnp.abs(stretch) < width
+    width = jnp.where(inside, width, 1.0)
+    kernel = jnp.where(inside, 0.5 * (1 + jnp.cos(jnp.pi * jnp.where(inside, stretch, 0.0) / width)) / width, 0.0)
+    return jnp.zeros_like(stretch), jump * kernel * changes[0]
