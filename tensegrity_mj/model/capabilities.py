@@ -149,6 +149,18 @@ CONSTRAINTS = Trait("linear constraints on nodes", _constrained)
 ELEMENTS = Trait(
     "elements beside loads", _first("{0.label} acts on nodes", "effects", lambda one: one.label != "loads")
 )
+NO_ARRAYS = Trait(
+    "elements without array functions",
+    _first("{0.label} has no array function (arrays)", "effects", lambda one: not one.arrays),
+)
+FUNCTION_LOADS = Trait(
+    "loads by a Python function",
+    lambda scene: f"the loads of scene '{scene.name}' are a Python function" if callable(scene.loads) else "",
+)
+FUNCTION_MOTIONS = Trait(
+    "supports moved by a Python function",
+    _first("the motion of '{0.support}' is a Python function", "motions", lambda motion: motion.function is not None),
+)
 ELEMENT_STATES = Trait(
     "elements with a state",
     _first("{0.label} has a state (state0)", "elements", lambda one: one.has_state),

@@ -13,7 +13,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,15 @@ from tensegrity_mj.dynamics.native.pointers import (
 )
 from tensegrity_mj.dynamics.native.views import Field, Table, changing_view, view_of
 from tensegrity_mj.errors import ElementError, OptionError
-from tensegrity_mj.model.elements.element import Element, Work, acted, rated, split_states, states_at_start
+from tensegrity_mj.model.elements.element import (
+    Element,
+    Work,
+    acted,
+    named_function,
+    rated,
+    split_states,
+    states_at_start,
+)
 from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
@@ -233,14 +240,7 @@ def native_element(element: Element, scene: Scene, failures: Failures) -> Native
     """
     if not element.compiled:
         return called_back(element, scene, failures)
-    module, _, name = element.compiled.partition(":")
-    try:
-        pack: Callable[[Element, Scene], NativeElement | None] = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise ElementError(
-            f"element {element.label}: compiled = {element.compiled!r} cannot be imported ({error}); it must be "
-            "'module:function', or '' for an element in Python alone"
-        ) from error
+    pack: Callable[[Element, Scene], NativeElement | None] = named_function(element, "compiled")
     return pack(element, scene) or called_back(element, scene, failures)
 
 

@@ -28,14 +28,15 @@ is to be as fast as those of the package names a compiled function besides (docs
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.errors import ElementError, SceneError
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
@@ -61,6 +62,8 @@ class Element:
         vectorized: whether `act`, `given` and `energy` take positions (..., N, 3) at times (...).
         compiled: "module:function", of a function (element, scene) -> `NativeElement`, imported when an engine first
             needs it; "" for none, and `act` is called.
+        arrays: "module:function", of a function (element, scene) -> `engines.jax.arrays.ArrayEffect`, imported when the
+            differentiable engine needs it; "" for none, and that engine refuses the element.
         label: its name in messages; by default that of its class.
         has_state: whether it has `state0`; found by itself.
         loses: of a compiled STORED element without a state, whether it adds what it loses to its effect's `given`.
@@ -72,6 +75,7 @@ class Element:
     symmetric: ClassVar[bool] = True
     vectorized: ClassVar[bool] = False
     compiled: ClassVar[str] = ""
+    arrays: ClassVar[str] = ""
     label: ClassVar[str] = ""
     has_state: ClassVar[bool] = False
     loses: ClassVar[bool] = False
@@ -111,6 +115,24 @@ class Element:
     def alpha(self, scene: Scene, time: float, nodes: Array) -> Array:
         """α (..., R, 2, 2) [kg]: each rod's nodes feel -Σ_j α_ij P a_j besides, P taking what is across the rod."""
         return np.zeros((*nodes.shape[:-2], len(scene.structure.rods), 2, 2))
+
+
+def named_function(element: Element, attribute: str) -> Callable[..., Any]:
+    """The function that an element's `compiled` or `arrays` names.
+
+    Raises:
+        ElementError: where it cannot be imported.
+    """
+    place = getattr(element, attribute)
+    module, _, name = place.partition(":")
+    try:
+        found: Callable[..., Any] = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ElementError(
+            f"element {element.label}: {attribute} = {place!r} cannot be imported ({error}); it must be "
+            "'module:function', or '' for an element that has none"
+        ) from error
+    return found
 
 
 def states_at_start(elements: Sequence[Element], scene: Scene) -> Array:
