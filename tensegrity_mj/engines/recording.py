@@ -59,14 +59,20 @@ class Account:
 # Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def make_trajectory(
-    request: Request, options: Any, plant: Plant, time: Array, rows: Array, rod: Array | RodMotion, account: Account
+    request: Request,
+    options: Any,
+    plant: Plant | None,
+    time: Array,
+    rows: Array,
+    rod: Array | RodMotion,
+    account: Account,
 ) -> Trajectory:
     """The trajectory of recorded rows.
 
     Args:
         request: of the run.
         options: the engine's; `timestep` is that of fixed steps, or None.
-        plant: what the run was made with.
+        plant: what the run was made with; None of an engine without one, whose rows have no states of elements.
         time, rows: (T,) [s] and (T, row_width).
         rod: λ (T, R) [1/s²], or what it follows from.
         account: what the run says of itself.
@@ -80,7 +86,7 @@ def make_trajectory(
     at += 3 * M
     winch, lost, external = (rows[:, at + column].copy() for column in range(3))
     at += 3
-    states = rows[:, at : at + plant.elements.states.shape[1]].copy()
+    states = rows[:, at : at + (0 if plant is None else plant.elements.states.shape[1])].copy()
     at += states.shape[1]
     reported: dict[str, Any] = {report.name.lower(): rows[:, at + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)

@@ -38,14 +38,14 @@ V_ROUND_OFF = 1e-26  # V of errors of 1e-13 m and rad: one that starts below it 
 V_RESOLVED = 1e-20  # of V(0): below it, errors squared are not far from round-off squared
 
 
-def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | None) -> dict[str, Any]:
-    """The reports of a run, with what its plant counted; `step` [s] is that of fixed steps, None for others."""
+def reports_of(request: Request, run: Trajectory, plant: Plant | None, step: float | None) -> dict[str, Any]:
+    """The reports of a run, with what its plant counted, or its samples show; `step` [s] is that of fixed steps."""
     structure = run.scene.structure
     drift, rate_drift = _drifts(run)
     decay_error, since = _decay_error(request, run)
     limits = _limits(request, run)
-    rest, pushed = impossible(plant)
-    resolution = None if step is None else _resolution(run, plant, step)
+    rest, pushed = _impossible_samples(run) if plant is None else impossible(plant)
+    resolution = None if step is None or plant is None else _resolution(run, plant, step)
     twice, bent = run.scene.redundancy, _buckled(run)
     warnings = [
         *_balance_warnings(run),
@@ -88,6 +88,19 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
     if request.sampled:
         reports["largest_holding_ratio"] = _holding_ratio(request, run)
     return reports
+
+
+def _impossible_samples(run: Trajectory) -> tuple[Impossible, Impossible]:
+    """`impossible` of recorded samples, where they are all that is known; of force densities below zero none is."""
+    structure = run.scene.structure
+    whole = run.time[:, None] <= run.scene.break_times
+    below = (run.rest_lengths <= 0.0) & whole & (structure.stiffness > 0.0)
+    rows, columns = np.nonzero(below)
+    if not len(rows):
+        return Impossible(), Impossible()
+    names = tuple(structure.strings[column].name for column in dict.fromkeys(columns.tolist()))
+    least = float(run.rest_lengths[below].min())
+    return Impossible(int(below.sum(axis=0).max()), names, float(run.time[rows[0]]), least), Impossible()
 
 
 def _holding_ratio(request: Request, run: Trajectory) -> float:

@@ -30,8 +30,11 @@ from tensegrity_mj.model.capabilities import (
     ELASTIC_CONTACT,
     ELASTIC_HELD_BETWEEN,
     ELASTIC_JOINED,
+    FUNCTION_MOTIONS,
     JOINED_CONTACT,
+    NO_ARRAYS,
     UNEVEN_MASS,
+    YIELDING,
     Descriptor,
     Limit,
 )
@@ -180,6 +183,17 @@ ENGINES = {
                 _OWN_NODES,
                 StructureError,
             ),
+        ),
+    ),
+    "jax": Descriptor(
+        "JAX",
+        "tensegrity_mj.engines.jax.engine:JAX",
+        {"method": "rk4"},
+        (
+            _NO_CONTACT,
+            Limit(NO_ARRAYS, "it acts by functions of arrays, which JAX compiles and differentiates", "leave it out"),
+            Limit(FUNCTION_MOTIONS, "JAX cannot look into a Python function", "give it as harmonics or data"),
+            Limit(YIELDING, "its memory is that of steps, and no function of the state", "leave yields out"),
         ),
     ),
 }

@@ -138,6 +138,12 @@ class Scene:
         return segment_count(self)
 
     @cached_property
+    def break_times(self) -> Array:
+        """When each string breaks (M,) [s], ∞ for never."""
+        times = {event.string: event.time for event in self.breaks}
+        return np.array([times.get(string.name, np.inf) for string in self.structure.strings], float)
+
+    @cached_property
     def effects(self) -> tuple[Element, ...]:
         """All that acts on nodes beside strings and gravity, in the order in which forces add up."""
         loads = (NodalLoads(),) if callable(self.loads) or self.loads else ()

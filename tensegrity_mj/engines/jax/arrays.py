@@ -72,8 +72,15 @@ def incidence(pairs: IntArray, count: int) -> Any:
 
 
 def times(matrix: Any, vectors: Any) -> Any:
-    """A matrix (A, N) times vectors (N, 3, ...) -> (A, 3, ...)."""
-    return jax.numpy.tensordot(matrix, vectors, 1)
+    """A matrix (A, N) times vectors (N, 3, ...) -> (A, 3, ...), with all 32 bits on GPUs, too."""
+    return jax.numpy.tensordot(matrix, vectors, 1, precision="highest")
+
+
+def norm(vectors: Any, axis: int = 1) -> Any:
+    """Lengths of vectors along an axis, by default (A, 3, ...) -> (A, ...); of none the derivative is zero, not NaN."""
+    square = jax.numpy.sum(vectors * vectors, axis=axis)
+    some = square > 0.0
+    return jax.numpy.where(some, jax.numpy.sqrt(jax.numpy.where(some, square, 1.0)), 0.0)
 
 
 def lifted(array: Any, like: Any, leading: int = 1) -> Any:

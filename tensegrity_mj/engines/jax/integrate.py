@@ -90,9 +90,7 @@ def controlled_steps(
         y0=state,
         args=at,
         saveat=diffrax.SaveAt(ts=times[1:]),
-        stepsize_controller=diffrax.PIDController(
-            rtol=tolerances.rtol, atol=tolerances.atol, dtmax=tolerances.longest
-        ),
+        stepsize_controller=diffrax.PIDController(rtol=tolerances.rtol, atol=tolerances.atol, dtmax=tolerances.longest),
         max_steps=tolerances.most,
         adjoint=tolerances.adjoint,
         throw=False,
@@ -122,4 +120,6 @@ def break_steps(times: Array, step: float) -> IntArray | None:
     """(M,) of the times at which strings break (∞: never), multiples of the step; None where none does."""
     if not np.isfinite(times).any():
         return None
-    return np.where(np.isfinite(times), np.round(np.where(np.isfinite(times), times, 0.0) / step), 2**53).astype(np.int64)
+    return np.where(np.isfinite(times), np.round(np.where(np.isfinite(times), times, 0.0) / step), 2**53).astype(
+        np.int64
+    )

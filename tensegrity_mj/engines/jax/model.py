@@ -42,6 +42,7 @@ class Observed(NamedTuple):
     """What is recorded at an instant; of a run, with times first.
 
     Attributes:
+        time: [s].
         nodes, velocities: (N, 3, ...) [m], [m/s].
         lengths, rest_lengths: of the strings (M, ...) [m].
         elastic_tensions, tensions: (M, ...) [N].
@@ -51,6 +52,7 @@ class Observed(NamedTuple):
         report: (5, ...) of the law.
     """
 
+    time: Any
     nodes: Any
     velocities: Any
     lengths: Any
@@ -162,9 +164,11 @@ class Model:
             command = rest
         else:
             command = lifted(at.parameters["stiffness"], rest) * (1 - rest / lengths)
-        energies = (self.strings.energy(at.parameters, lengths, one, whole).sum(axis=0) for one in (before, rest))
-        old, new = energies
-        return state._replace(works=state.works.at[WINCH].add(new - old)), Held(command, report)
+        held = Held(command, report)
+        if first:
+            return state, held
+        old, new = (self.strings.energy(at.parameters, lengths, one, whole).sum(axis=0) for one in (before, rest))
+        return state._replace(works=state.works.at[WINCH].add(new - old)), held
 
     def _nodes(self, t: Any, state: State) -> tuple[Any, Any, tuple[Any, ...]]:
         """x and v (N, 3, ...), and y, ẏ and what is prescribed."""
@@ -209,7 +213,7 @@ class Model:
             answers = [(one, q) for one, q in zip(self.effects, p["effects"], strict=True) if one.alpha is not None]
             alphas = sum(one.alpha(q, t, x) for one, q in answers)  # type: ignore[misc]
             mobility = system.mobility(p, system.added(alphas, x))
-        weight = lifted(mobility.mass @ system.shifted, forces, 1)[:, None] * lifted(p["gravity"], forces, 1)[None]
+        weight = lifted(jnp.outer(mobility.mass @ system.shifted, p["gravity"]), forces, 2)
         outer = times(system.maps.T, forces) + weight
         moved = prescribed[2]
         if alphas is not None:  # of accelerations that supports prescribe
@@ -229,9 +233,23 @@ class Model:
         densities = jnp.full((len(self.structure.rods), *mu.shape[1:]), np.nan)
         densities = densities.at[system.rigid].set(mu[: len(system.rigid)])
         observed = Observed(
-            x, v, lengths, rest, elastic, tensions, densities, self._held_by(reactions), state.works, report
+            jnp.asarray(t, float),
+            x,
+            v,
+            lengths,
+            rest,
+            elastic,
+            tensions,
+            densities,
+            self._held_by(reactions),
+            state.works,
+            report,
         )
-        return State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers), observed, accelerations
+        return (
+            State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers),
+            observed,
+            accelerations,
+        )
 
     def _answer(self, alphas: Any, x: Any, accelerations: Any) -> Any:
         """-α P a on the nodes (N, 3, ...)."""

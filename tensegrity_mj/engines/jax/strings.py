@@ -2,9 +2,9 @@
 
 When a damped string comes taut its tension jumps from 0 to c dL/dt. A state x(t; p) that goes through a jump Δf of its
 rate at the instant where s(x) = 0 keeps the derivative δx⁺ = δx⁻ + Δf δs/ṡ (the saltation of Aizerman and Gantmacher),
-which differentiating the steps misses: each is on one side of the jump. Here the tension has the derivative Δf δ_w(s) ds
-besides, with a kernel of integral one over the time w, so that the steps within sum up to the jump's term. The value is
-that of the law, without any ramp.
+which differentiating the steps misses: each is on one side of the jump. Here the tension has the derivative
+Δf δ_w(s) ds besides, with a kernel of integral one over a time w, so that the steps within sum up to the jump's term.
+The value is that of the law, without any ramp.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, times
+from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, norm, times
 from tensegrity_mj.model.structure import Structure
 
 
@@ -41,9 +41,8 @@ class Strings:
     def measure(self, x: Any, v: Any) -> tuple[Any, Any, Any]:
         """Lengths [m] and rates [m/s] of strings (M, ...), and the unit vectors of segments (S, 3, ...)."""
         spans = times(self.segments, x)
-        square = jnp.sum(spans**2, axis=1)
-        lengths = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-        units = spans / jnp.where(square > 0, lengths, 1.0)[:, None]
+        lengths = norm(spans)
+        units = spans / jnp.where(lengths > 0, lengths, 1.0)[:, None]
         rates = jnp.sum(units * times(self.segments, v), axis=1)
         if self.simple:
             return lengths, rates, units
@@ -86,7 +85,7 @@ def _jump(stretch: Any, jump: Any, rates: Any, window: Any) -> Any:
 @_jump.defjvp
 def _jump_derivative(at: tuple[Any, ...], changes: tuple[Any, ...]) -> tuple[Any, Any]:
     stretch, jump, rates, window = at
-    # Half a raised cosine on each side, by the time to the crossing: steps that divide the window sum up to one exactly.
+    # A raised cosine over the time to the crossing: steps that divide half the window sum up to one exactly.
     width = jnp.abs(rates) * window
     inside = jnp.abs(stretch) < width
     width = jnp.where(inside, width, 1.0)

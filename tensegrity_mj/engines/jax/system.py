@@ -8,9 +8,9 @@ products of vectors e = E y that are constant, e_a·e_b = const, whose multiplie
 
     M ÿ = F - Eᵀ Jᵀ μ + Gᵀ ν,    J E ÿ + 2 κ ė_a·ė_b = 0,    κ = ½ where a = b, else 1.
 
-J E W Eᵀ Jᵀ μ = J E ÿ₀ + 2 κ ė_a·ė_b then, W = Z (Zᵀ M Z)⁻¹ Zᵀ being the mobility of what is free and ÿ₀ the acceleration
-without μ. Of a rod μ is its force density [N/m], positive in tension. The mass matrix is that of velocities that are
-linear along rods (2.25). Nothing of it is the thesis' r and b, or MuJoCo's joints.
+J E W Eᵀ Jᵀ μ = J E ÿ₀ + 2 κ ė_a·ė_b then, W = Z (Zᵀ M Z)⁻¹ Zᵀ being the mobility of what is free and ÿ₀ the
+acceleration without μ. Of a rod μ is its force density [N/m], positive in tension. The mass matrix is that of
+velocities that are linear along rods (2.25). Nothing of it is the thesis' r and b, or MuJoCo's joints.
 """
 
 from __future__ import annotations
@@ -129,22 +129,22 @@ class System:
             at = structure.node_index[point.node]
             for unit in null_space_basis(point.translation_basis.T).T:
                 hold(self.maps[at], unit, float(unit @ structure.positions[at]))
-        whole = structure.constraint_rows.reshape(len(structure.constraints), -1, 3)
+        whole = structure.constraint_rows.reshape(len(structure.constraints), len(structure.nodes), 3)
         for number, one in enumerate(structure.constraints):
             weights = whole[number] @ one.unit @ self.maps
             hold(weights, one.unit, float(whole[number].ravel() @ structure.positions.ravel()), one.name, number)
         self.rows = np.array(rows).reshape(-1, 3 * C)
-        self.offsets, self.drives = np.array(values), np.array(drives).reshape(-1, len(numbers), 3)
+        self.offsets, self.drives = np.array(values), np.array(drives).reshape(len(rows), len(numbers), 3)
         self.free: Array | None = None
         self.inverse = np.zeros((3 * C, 0))
         if len(rows):
-            from scipy.linalg import qr
+            from scipy.linalg import null_space, qr
 
             triangle, order = qr((self.rows / np.linalg.norm(self.rows, axis=1)[:, None]).T, mode="r", pivoting=True)
             kept = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
             self.rows, self.offsets, self.drives = self.rows[kept], self.offsets[kept], self.drives[kept]
             self.links = [self.links[k] for k in kept]
-            self.free, self.inverse = null_space_basis(self.rows), np.linalg.pinv(self.rows)
+            self.free, self.inverse = null_space(self.rows, rcond=RANK_TOLERANCE), np.linalg.pinv(self.rows)
 
     def _is_apart(self) -> bool:
         between = np.asarray(self.mobility(self.parameters()).between)
@@ -253,17 +253,18 @@ class System:
     def projected(self, mobility: Mobility, y: Any, rates: Any) -> tuple[Any, Any]:
         """y and ẏ moved in the metric of the masses to where rods and bodies have their shape: a step of Newton's."""
         e = times(self.spans, y)
-        off = lifted(self.kappa, e, 2) * 0.0 if not len(self.pairs) else self._off(e)
-        y = y - _applied(mobility.whole, times(self.spans.T, self._spread(e, self._solved(mobility, e, off))))
+        y = y - self._moved(mobility, e, self._off(e))
         e = times(self.spans, y)
-        rate = self._solved(mobility, e, self._along(e, times(self.spans, rates)))
-        return y, rates - _applied(mobility.whole, times(self.spans.T, self._spread(e, rate)))
+        return y, rates - self._moved(mobility, e, self._along(e, times(self.spans, rates)))
+
+    def _moved(self, mobility: Mobility, e: Any, off: Any) -> Any:
+        """The change of y, or ẏ, that takes away `off` (P, ...) of the products."""
+        return _applied(mobility.whole, times(self.spans.T, self._spread(e, self._solved(mobility, e, off))))
 
     def _off(self, e: Any) -> Any:
         """κ (e_a·e_b - const) (P, ...)."""
         a, b = self._sides(e)
-        values = lifted(self.values, e, 2)[:, 0] if e.ndim > 2 else self.values
-        return lifted(self.kappa, a[:, 0]) * (jnp.sum(a * b, axis=1) - values)
+        return lifted(self.kappa, a[:, 0]) * (jnp.sum(a * b, axis=1) - lifted(self.values, a[:, 0]))
 
     def _sides(self, e: Any) -> tuple[Any, Any]:
         return (e, e) if self.alone else (e[self.pairs[:, 0]], e[self.pairs[:, 1]])
