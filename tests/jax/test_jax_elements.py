@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +16,9 @@ import pytest
 pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+import jax
 from ground_spring import GroundSpring, tethered
+from pages import ROOT
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import ArrayEffect
@@ -46,10 +51,12 @@ def test_an_element_of_ones_own_names_its_array_function(home: Any) -> None:
 
     def pull(element: Any, scene: Any) -> ArrayEffect:
         seen.append((element, scene))
-        return ArrayEffect({"force": element.force}, gives=True)
+        return ArrayEffect({"force": element.force})
 
     home.pull = pull
-    assert [effect.parameters for effect in array_effects(scene)] == [{"force": (1.0, 0.0, -2.0)}]
+    (effect,) = array_effects(scene)
+    assert effect.parameters == {"force": (1.0, 0.0, -2.0)}
+    assert effect.gives  # by its `work`
     assert seen == [(scene.elements[0], scene)]
     assert NO_ARRAYS.find(scene) == ""
 
@@ -67,6 +74,26 @@ def test_what_has_no_array_function_is_refused_by_its_name(home: Any) -> None:
         array_effects(scene)
 
 
+def test_what_array_functions_return_is_checked_with_a_batch_and_without(home: Any) -> None:
+    scene = tethered((Pull((1.0, 0.0, -2.0)),))
+    for effect, message in (
+        (ArrayEffect(energy=lambda p, t, x: x.sum()), "work = Work.GIVEN; arrays of an element that stores its work"),
+        (ArrayEffect(force=lambda p, t, x, v: x[0]), r"force .* returned shape \(3,\) for positions \(4, 3\)"),
+        (
+            ArrayEffect(force=lambda p, t, x, v: jax.numpy.zeros((4, 3))),
+            r"force .* returned shape \(4, 3\) for positions \(4, 3, 2\); it must return \(4, 3, 2\), batches last",
+        ),
+        (
+            ArrayEffect(dissipation=lambda p, t, x, v: (v**2).sum()),
+            r"dissipation .* it must return \(2,\), batches last",
+        ),
+        (ArrayEffect(force=lambda p, t, x, v: np.sin(x)), "force of its arrays failed: TracerArrayConversionError"),
+    ):
+        home.pull = lambda element, scene, effect=effect: effect
+        with pytest.raises(ElementError, match=f"element Pull: {message}"):
+            array_effects(scene)
+
+
 def test_functions_in_python_are_traits_of_a_scene(prism: tmj.Scene) -> None:
     assert FUNCTION_LOADS.find(prism) == FUNCTION_MOTIONS.find(prism) == ""
     pushed = prism.with_(loads=lambda t: np.zeros((6, 3)))
@@ -77,3 +104,20 @@ def test_functions_in_python_are_traits_of_a_scene(prism: tmj.Scene) -> None:
     )
     moved = tmj.Scene(structure, motions=(tmj.model.Motion.by_function("p", lambda t: np.zeros((3, 3))),))
     assert FUNCTION_MOTIONS.find(moved) == "the motion of 'p' is a Python function"
+
+
+def test_the_element_of_the_docs_is_the_same_as_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs/elements.md").read_text(encoding="utf-8")
+    ((name, code),) = re.findall(r"as `(\w+)\.py`:\n\n```python\n(.*?)```", page, re.DOTALL)
+    (tmp_path / f"{name}.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    element = import_module(name).Tether("b", 40.0)
+    scene = tethered((element,))
+    (effect,) = array_effects(scene)
+    x = scene.nodes0 + 0.1 * np.random.default_rng(3).normal(size=scene.nodes0.shape)
+    # Products of three numbers.
+    assert float(effect.energy(effect.parameters, 0.0, x)) == pytest.approx(element.energy(scene, x), rel=1e-15)
+    found = -jax.grad(lambda x: effect.energy(effect.parameters, 0.0, x))(x)
+    assert np.asarray(found) == pytest.approx(element.act(scene, 0.0, x, 0 * x), rel=1e-15)
+    del sys.modules[name]

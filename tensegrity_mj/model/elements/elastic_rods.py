@@ -61,6 +61,7 @@ class ElasticRods(Element):
     vectorized = True
     loses = True
     compiled = "tensegrity_mj.dynamics.native.elastic_rods:pack_elastic_rods"
+    arrays = "tensegrity_mj.engines.jax.effects:elastic_rods"
     label = "elastic rods"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:

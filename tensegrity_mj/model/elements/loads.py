@@ -21,6 +21,7 @@ class NodalLoads(Element):
     smooth = True
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.loads:pack_loads"
+    arrays = "tensegrity_mj.engines.jax.effects:loads"
     label = "loads"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:

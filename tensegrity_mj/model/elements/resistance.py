@@ -155,6 +155,7 @@ class FluidResistance(Element):
     work = Work.LOST
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.resistance:pack_fluid"
+    arrays = "tensegrity_mj.engines.jax.effects:fluid_resistance"
     label = "resistance"
 
     @property
@@ -191,6 +192,7 @@ class BendingStiffness(Element):
     smooth = True
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.resistance:pack_bending"
+    arrays = "tensegrity_mj.engines.jax.effects:bending_stiffness"
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
@@ -214,6 +216,7 @@ class BendingDamping(Element):
     smooth = True
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.resistance:pack_bending"
+    arrays = "tensegrity_mj.engines.jax.effects:bending_damping"
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
@@ -236,6 +239,7 @@ class NodalDamping(Element):
     smooth = True
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.resistance:pack_nodal"
+    arrays = "tensegrity_mj.engines.jax.effects:nodal_damping_of"
     label = "damping of point masses"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
