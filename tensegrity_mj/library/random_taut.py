@@ -20,19 +20,16 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.members import Support
-from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.vibration.bodies import SLOTS, Bodies
-from tensegrity_mj.vibration.small_motions import Vibration, vibration
+from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.model import StaticModel
 
 PLANE = (0.0, 0.0, 1.0)
 ATTEMPTS = 60
-PRUNINGS = 20  # in an attempt: of strings that become very short, and leaves taken of saddles
-KICK = 0.1  # of the mean rod length
+PRUNINGS = 20  # in an attempt: of strings that become very short
 SHORTEST = 0.08  # of the mean rod length: a shorter string turns by much in a small motion
-SOFTEST = 1e-4  # of the stiffest: the least stiffness of a structure that counts as stable
+SOFTEST = 1e-4  # of the largest force density: the least stiffness of a structure that counts as stable
 ANCHOR_PULL = 3.0  # how much stronger than the others strings to fixed nodes pull, so that they keep the whole open
-BALANCED = 1e-13  # of the largest force
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,21 +139,18 @@ def _drawn(
             np.arange(2 * rods).reshape(-1, 2),
             pairs,
             rod_mass=1.0,
-            stiffness=1.0,
+            stiffness=u,
             supports=supports,
             fixed_nodes=range(2 * rods, len(nodes)),
         )
-        model = _settled(net, u)
-        if model is None:
+        try:
+            # L0 = 0 and k = u: the force of a string is u times its span.
+            state = find_equilibrium(StaticModel.of(net, rest_lengths=np.zeros(len(u))))
+        except InfeasibleError:
             return None
-        nodes, long_enough = model.nodes, model.length >= SHORTEST * size
+        nodes, long_enough = state.nodes, state.lengths >= SHORTEST * size
         if long_enough.all():
-            stiffness, motion = _softest(model)
-            if stiffness > SOFTEST:
-                return net, nodes, u
-            # Newton's steps may end at a saddle: on from beside it.
-            nodes = _moved(model, motion * (KICK * size / np.abs(model.motion(motion)).max()))
-            continue
+            return (net, nodes, u) if state.lowest_stiffness > SOFTEST * u.max() else None
         # Without the strings that have become very short it goes on from here; every end keeps two.
         pairs, u = pairs[long_enough], u[long_enough]
         used = np.bincount(pairs.ravel(), minlength=len(nodes))
@@ -188,104 +182,3 @@ def _ties(nodes: Array, rods: int, near: int, held: NDArray[np.bool_]) -> list[t
             order = np.argsort(np.linalg.norm(nodes[ends:] - nodes[a], axis=1), kind="stable")
             pairs.update((a, ends + b) for b in order[:2].tolist())
     return sorted(pairs)
-
-
-def _settled(net: Structure, u: Array) -> Vibration | None:
-    """The model of the equilibrium where Σ u L²/2 is least, by damped Newton steps; None if it is not met."""
-    bodies, scene = Bodies.of(net), Scene(net)
-    nodes, still = np.array(net.positions), np.zeros_like(net.positions)
-    pairs = net.string_nodes
-
-    def model_at(nodes: Array) -> Vibration:
-        # L0 = 0 and k = u: the force of a string is u s.
-        return _with_densities(scene, nodes, still, u, bodies)
-
-    def energy(nodes: Array) -> float:
-        span = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
-        return float(0.5 * np.sum(u * np.sum(span * span, axis=1)))
-
-    model, here = model_at(nodes), energy(nodes)
-    shift = 1.0
-    for _ in range(300):
-        force = _forces(model, u)
-        stiffness = model.material + model.geometric
-        largest = float(np.abs(force).max())
-        if largest <= BALANCED * float(np.max(u * model.length) * 4):
-            return model
-        # What is not convex is made so by a shift, which falls as the steps succeed.
-        while True:
-            step = _solved(stiffness, shift, force)
-            ahead = _moved(model, step)
-            there = energy(ahead)
-            if there <= here * (1 + 1e-14):
-                break
-            shift = max(10 * shift, 1e-6)
-            if shift > 1e12:
-                return None
-        nodes, here = ahead, there
-        model = model_at(nodes)
-        shift = shift / 10 if shift > 1e-9 else 0.0
-    return None
-
-
-def _with_densities(scene: Scene, nodes: Array, still: Array, u: Array, bodies: Bodies) -> Vibration:
-    """The model with tensions u L, all of whose strings resist with u in every direction."""
-    k = scene.structure.stiffness
-    length = scene.structure.string_lengths(nodes)
-    return vibration(scene, nodes, still, length * (1 - u / k), force_densities=u, bodies=bodies)
-
-
-def _forces(model: Vibration, u: Array) -> Array:
-    """(n,) on the coordinates of the model."""
-    i, j = model.scene.structure.string_nodes.T
-    pull = (u * model.length)[:, None] * model.segments.directions
-    forces = np.zeros_like(model.nodes)
-    np.add.at(forces, i, pull)
-    np.subtract.at(forces, j, pull)
-    out = np.zeros((len(model.bodies.mass) + 1, SLOTS))
-    np.add.at(out, model.bodies.body, np.einsum("nxs,nx->ns", model.turned, forces))
-    return out[:-1].ravel()
-
-
-def _solved(stiffness: object, shift: float, force: Array) -> Array:
-    """(K + shift)⁻¹ f. Coordinates that supports forbid have no stiffness and no force."""
-    n = len(force)
-    tiny = 1e-12
-    if isinstance(stiffness, np.ndarray):
-        return np.asarray(np.linalg.solve(stiffness + (shift + tiny) * np.eye(n), force))
-    from scipy.sparse import eye_array
-    from scipy.sparse.linalg import spsolve
-
-    return np.asarray(spsolve((stiffness + (shift + tiny) * eye_array(n)).tocsc(), force))
-
-
-def _moved(model: Vibration, y: Array) -> Array:
-    """Nodes (N, 3) after a step y, rods as long as they were and points at σ where translations take them."""
-    structure, nodes = model.scene.structure, model.nodes + model.motion(y)
-    for rod, (i, j), length in zip(structure.rods, structure.rod_nodes.tolist(), structure.rod_lengths, strict=True):
-        sigma, span = rod.support.sigma, nodes[j] - nodes[i]
-        point = (1 - sigma) * nodes[i] + sigma * nodes[j]
-        span = span * (length / np.linalg.norm(span))
-        nodes[i], nodes[j] = point - sigma * span, point + (1 - sigma) * span
-    return nodes
-
-
-def _softest(model: Vibration) -> tuple[float, Array]:
-    """The least stiffness of all motions that supports allow, as a part of the largest, and that motion y (n,)."""
-    stiffness = model.material + model.geometric
-    moves = np.flatnonzero(abs(stiffness).sum(axis=0) > 0)
-    y = np.zeros(model.size)
-    if isinstance(stiffness, np.ndarray):
-        values, vectors = np.linalg.eigh(stiffness[np.ix_(moves, moves)])
-        y[moves] = vectors[:, 0]
-        return float(values[0] / values[-1]), y
-    from scipy.sparse.linalg import eigsh
-
-    held = stiffness[moves][:, moves].tocsc()
-    start = np.cos(np.arange(len(moves)) ** 1.5) + 0.1
-    most = float(eigsh(held, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
-    # By inversion below all eigenvalues, where the nearest is the least: -bound of what a rod's compression takes.
-    low = -1.01 * float(abs(model.geometric).sum(axis=0).max())
-    values, vectors = eigsh(held, k=1, sigma=low, v0=start)
-    y[moves] = vectors[:, 0]
-    return float(values[0] / most), y
