@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.calls import stable_step as stable_step
     from tensegrity_mj.dynamics.native.compiled_law import CompiledLaw as CompiledLaw
     from tensegrity_mj.dynamics.native.law import Command as Command
+    from tensegrity_mj.engines.jax.engine import JAX as JAX
     from tensegrity_mj.engines.mujoco.engine import MuJoCo as MuJoCo
     from tensegrity_mj.engines.mujoco.settings import Integrator as Integrator
     from tensegrity_mj.engines.reference.dae import DAE as DAE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, JOINED_CONTACT_LIMIT
+from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, INSTALLED, JOINED_CONTACT_LIMIT
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
@@ -97,11 +97,11 @@ def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
 
 
 def engines_for(scene: Scene) -> list[str]:
-    """The names of the engines that simulate a scene, with some of their options at least."""
+    """The names of the engines of the package that simulate a scene, with some of their options at least."""
     return [
         name
         for name, row in ENGINES.items()
-        if not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
+        if name in INSTALLED and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
     ]
 
 

@@ -195,8 +195,11 @@ ENGINES = {
             Limit(FUNCTION_MOTIONS, "JAX cannot look into a Python function", "give it as harmonics or data"),
             Limit(YIELDING, "its memory is that of steps, and no function of the state", "leave yields out"),
         ),
+        shares_model=True,
+        extra="jax",
     ),
 }
+INSTALLED = tuple(name for name, row in ENGINES.items() if not row.extra)  # with the package
 
 
 def engine_class(name: str) -> Any:

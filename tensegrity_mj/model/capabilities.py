@@ -58,7 +58,8 @@ class Descriptor:
         place: its class, a frozen value of options with `run(request)`, as "module:class".
         fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
         limits: what it cannot simulate; without any, it is held to simulate all scenes.
-        shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`, `law_in`).
+        shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`).
+        extra: what installs the packages that it needs beside the rest; studies leave it out unless it is named.
     """
 
     title: str
@@ -66,6 +67,7 @@ class Descriptor:
     fixed_step: Mapping[str, Any] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
     shares_model: bool = False
+    extra: str = ""
 
 
 def _joined(structure: Structure) -> str:

@@ -27,6 +27,8 @@ from tensegrity_mj.simulation import provenance_of, request_for
 from tensegrity_mj.vibration.step_warnings import warn_before_run
 
 if TYPE_CHECKING:
+    from tensegrity_mj.engines.jax.engine import JAX
+    from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
 
@@ -47,7 +49,7 @@ class Ensemble(Sequence[Trajectory]):
         cost: wall time [s], steps and evaluations of all runs together.
     """
 
-    def __init__(self, engine_run: MuJoCoEnsemble, requests: Sequence[Request]) -> None:
+    def __init__(self, engine_run: MuJoCoEnsemble | JAXEnsemble, requests: Sequence[Request]) -> None:
         self._run, self._requests = engine_run, requests
         self._outcomes: dict[int, Trajectory | TensegrityError] = {}
         self.scenes = tuple(request.scene for request in requests)
@@ -57,7 +59,7 @@ class Ensemble(Sequence[Trajectory]):
         self.cost = {
             "wall_time": engine_run.seconds,
             "steps": steps,
-            "evaluations": steps * engine_run.options.stages,
+            "evaluations": steps * engine_run.stages,
         }
 
     def __len__(self) -> int:
@@ -95,7 +97,8 @@ class Ensemble(Sequence[Trajectory]):
     def _recorded(self, part: int) -> Array:
         N, T = len(self.scenes[0].structure.nodes), len(self.time)
         out = np.empty((len(self), T, N, 3))
-        for number, member_ in enumerate(self._run.members):
+        members: Sequence[Any] = self._run.members
+        for number, member_ in enumerate(members):
             out[number] = member_.rows[:T, 3 * N * part : 3 * N * (part + 1)].reshape(T, N, 3)
             ended, outcome = member_.ended_early, self._outcome(number)
             if isinstance(outcome, DivergenceError):  # the energy balance may know it earlier than the engine
@@ -124,7 +127,7 @@ class Ensemble(Sequence[Trajectory]):
 
 @dataclass(frozen=True, eq=False)
 class ManyRuns:
-    """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo.
+    """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo or JAX.
 
     Each run is what `simulate` makes of its scene: initial states, targets, loads, breaks, and any number of structure,
     gravity and contact may differ. Nodes, rods and strings may not, nor what they have of joints and masses.
@@ -134,7 +137,8 @@ class ManyRuns:
     Attributes:
         scenes: of the same members.
         controllers: a law for all, or one a scene. A law that keeps something between calls gets a fresh state a run.
-        engine: `MuJoCo(...)`, without `accuracy`.
+        engine: `MuJoCo(...)`, without `accuracy`; or `JAX(method="rk4", ...)`, of scenes that differ in their starts
+            and in their strings' stiffness, damping and rest lengths, under one law.
         duration, actuation, on_infeasible, output_interval, progress: as in `simulate`; the duration is the first
             scene's by default.
         threads: number of threads; 0 for as many as there are cores. The results do not depend on it.
@@ -149,7 +153,7 @@ class ManyRuns:
 
     scenes: Sequence[Scene]
     controllers: AnyLaw | Sequence[AnyLaw] = None
-    engine: MuJoCo | None = None
+    engine: MuJoCo | JAX | None = None
     _: KW_ONLY
     duration: float | None = None
     actuation: Actuation | None = None
@@ -179,11 +183,9 @@ class ManyRuns:
             else:
                 requests.append(request_for(scene, law, total, *shared))
                 known[id(law)] = requests[-1].law
-        from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
-
         warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
         with interrupts.deferred():
-            run = MuJoCoEnsemble(engine, requests, int(threads))
+            run = engine.ensemble(requests, int(threads))
             run.run()
         return Ensemble(run, requests)
 
@@ -191,7 +193,7 @@ class ManyRuns:
 simulate_many = function_of(ManyRuns)
 
 
-def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
+def _checked(scenes: Any, engine: Any) -> list[Scene]:
     if isinstance(scenes, Scene) or not isinstance(scenes, Sequence) or not scenes:
         raise OptionError("scenes: give a list of at least one Scene")
     first = scenes[0]
@@ -214,9 +216,9 @@ def _shared(engine: Any, what: str) -> Any:
     if descriptor is None or not descriptor.shares_model:
         able = " or ".join(row.place.partition(":")[2] + "(...)" for row in ENGINES.values() if row.shares_model)
         raise OptionError(f"engine = {engine!r}: {what} runs in {able}; run_many takes any engine")
-    if engine.accuracy is not None:
+    if getattr(engine, "accuracy", None) is not None:
         raise OptionError(f"{what}: accuracy = {engine.accuracy:g} m chooses a step for each run; give a timestep")
-    if engine.locate_slack:
+    if getattr(engine, "locate_slack", False):
         raise OptionError(
             f"{what}: locate_slack = True, which splits the steps of one run where its strings change, and here "
             "MuJoCo makes the steps of many: leave it out, or use run_many"
@@ -263,6 +265,8 @@ def law_in(
     from tensegrity_mj.engines.mujoco.run_view import RUN
 
     engine = _shared(engine, "law_in")
+    if engine.descriptor is not ENGINES["mujoco"]:
+        raise OptionError(f"engine = {engine!r}: law_in closes the loop inside MuJoCo: use MuJoCo(...)")
     member("on_infeasible", on_infeasible, OnInfeasible)
     if law is None:
         raise OptionError("law = None: there is nothing to install")

@@ -16,8 +16,6 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import IntArray
 
-jax.config.update("jax_enable_x64", True)  # before any array is made; rods of 32 bits lose their lengths
-
 Arrays: TypeAlias = Mapping[str, Any]  # parameters by name; a value may be a mapping of its own
 
 

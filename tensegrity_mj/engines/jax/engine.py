@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import enum
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import positive as positive_number
-from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, number, positive, whole
 from tensegrity_mj.dynamics.native.law import NativeLaw
@@ -24,6 +24,9 @@ from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
+
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
 
 WINDOW = 4  # steps over which derivatives spread the jump of a damped string that comes taut
 DOPRI8_VECTORS = 20  # 14 rates, state, error, dense output
@@ -127,11 +130,10 @@ class JAX:
         """
         require(self, scene)
         if times is not None:
-            times = real_array("times", times, (None,), "s", scalar=False)
-            if self.method is Method.RK4 or not len(times) or times[0] < 0 or np.any(np.diff(times) <= 0):
-                raise OptionError(
-                    "times: they must rise from 0 s or later, and belong to Method.DOPRI8; RK4 has output_interval"
-                )
+            times = np.asarray(times, float)
+            rising = times.ndim == 1 and len(times) > 1 and times[0] >= 0 and np.all(np.diff(times) > 0)
+            if self.method is Method.RK4 or not rising:
+                raise OptionError("times: two or more must rise from 0 s or later; RK4 has output_interval")
             duration = float(times[-1])
         law = NativeLaw(0, 0, (), own=controller)
         total = scene.duration if duration is None else positive_number("duration", duration, "s")
@@ -143,6 +145,12 @@ class JAX:
         """Accelerations of the nodes at one state."""
         require(self, request.scene)
         return Program(self, request).accelerations()
+
+    def ensemble(self, requests: Sequence[Request], threads: int) -> JAXEnsemble:
+        """Many runs of RK4, for `simulate_many`; XLA has threads of its own."""
+        from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
+
+        return JAXEnsemble(self, requests)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

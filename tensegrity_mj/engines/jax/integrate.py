@@ -57,7 +57,7 @@ def fixed_steps(
         state = model.step(at, number * h, h, state, held, whole_at(number))
         if steps.ratio:
             t, due = (number + 1) * h, (number + 1) % steps.ratio == 0
-            again = lambda pair: model.sample(at, t, *pair, whole_at(number))  # noqa: E731
+            again = lambda pair: model.sample(at, t, pair[0], pair[1], whole_at(number))  # noqa: E731
             state, held = jax.lax.cond(due, again, lambda pair: pair, (state, held))
         return (state, held), None
 

@@ -33,7 +33,7 @@ def displacements(scene: Scene) -> Callable[[Any], Any]:
 
 
 def _displacement(motion: Motion) -> Callable[[Any], Any]:
-    """Σ amplitude · sin(ω t + phase), and Σ c_k (t - t_i)^k of the data's quintic from t_i on, still before and after."""
+    """Σ amplitude · sin(ω t + phase), and Σ c_k (t - t_i)^k of the data's quintic from t_i on, at rest around."""
     amplitudes = np.array([item.amplitude for item in motion.harmonics]).reshape(-1, 3)
     frequencies = np.array([item.angular_frequency for item in motion.harmonics])
     phases = np.array([item.phase for item in motion.harmonics])

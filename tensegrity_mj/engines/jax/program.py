@@ -82,8 +82,8 @@ class Program:
         state, held = model.start(at)
         parts = [first_row(model, at, state, held)] if self.times[0] == 0 else []
         if self.engine.timestep is not None:
-            whole, rest = divmod(self.grid.count, self.grid.stride)
-            state, held, rows = fixed_steps(model, at, state, held, 0, whole, self.steps)
+            count, rest = divmod(self.grid.count, self.grid.stride)
+            state, held, rows = fixed_steps(model, at, state, held, 0, count, self.steps)
             parts.append(rows)
             if rest:
                 last = self.steps._replace(stride=rest)
@@ -123,10 +123,11 @@ class Program:
         """The run of the parameters as they are, in pieces."""
         from tensegrity_mj.engines.jax.recording import trajectory_of
 
-        rows, cost, failed = self._fixed() if self.engine.timestep is not None else self._controlled()
-        return trajectory_of(self, rows, cost, failed)
+        rows, cost, failed = self.fixed() if self.engine.timestep is not None else self._controlled()
+        return trajectory_of(self.engine, self.request, rows, cost, failed)
 
-    def _fixed(self) -> tuple[Observed, dict[str, float], bool]:
+    def fixed(self, label: str = "") -> tuple[Observed, dict[str, float], bool]:
+        """The rows of fixed steps, what they cost, and whether they failed; taken in pieces, with progress."""
         model, grid = self._model, self.grid
         whole, rest = divmod(grid.count, grid.stride)
         at, state, held, row = self._begin()
@@ -134,7 +135,7 @@ class Program:
         parts, first = [row], 0
         plan = [(rows, grid.stride) for rows in pieces(whole)] + ([(1, rest)] if rest else [])
         watch = Watch()
-        with progress(self.request, str(self.engine)) as show:
+        with progress(self.request, label or str(self.engine)) as show:
             for rows, stride in plan:
                 if (rows, stride) not in kinds:
                     steps = self.steps._replace(stride=stride)
@@ -149,7 +150,7 @@ class Program:
                 first += rows * stride
                 show(first * grid.step)
                 interrupts.raise_if_requested()
-                if not np.all(np.isfinite(parts[-1].nodes[-1])):
+                if not np.any(np.isfinite(parts[-1].nodes[-1])):
                     break
         cost = {"wall_time": watch.seconds, "steps": first, "evaluations": 4 * first}
         return jax.tree.map(lambda *x: np.concatenate(x), *parts), cost, False

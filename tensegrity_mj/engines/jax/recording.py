@@ -9,6 +9,7 @@ import numpy as np
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.engines.jax.model import EXTERNAL, LOST, STORED, WINCH, Observed
 from tensegrity_mj.engines.recording import Account, make_trajectory
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.rods import inertia_of_rods
@@ -16,22 +17,23 @@ from tensegrity_mj.runs.energy import check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.program import Program
+    from tensegrity_mj.engines.jax.engine import JAX
 
 
-def trajectory_of(program: Program, rows: Observed, cost: dict[str, float], failed: bool = False) -> Trajectory:
-    """The trajectory of a run's rows, (T, ...) each, with what it cost.
+def trajectory_of(
+    engine: JAX, request: Request, rows: Observed, cost: dict[str, float], failed: bool = False
+) -> Trajectory:
+    """The trajectory of a run's rows, (T, ...) each, with what it cost; whether it `failed` before its end.
 
     Raises:
         DivergenceError: with what was recorded before, where the run did not come to its end.
     """
-    request, engine = program.request, program.engine
     structure = request.scene.structure
     good = np.all(np.isfinite(rows.nodes), axis=(1, 2)) & np.all(np.isfinite(rows.velocities), axis=(1, 2))
     count = len(good) if good.all() else int(np.argmin(good))
     margin = rows.report[:, Report.FEASIBILITY_MARGIN]
     void = np.flatnonzero(~np.all(np.isfinite(rows.rest_lengths), axis=1) | (margin <= 0))
-    infeasible = program.law is not None and len(void) > 0 and void[0] <= count
+    infeasible = request.law.own is not None and len(void) > 0 and void[0] <= count
     status, message = Status.COMPLETED, ""
     if infeasible:
         count = max(1, int(void[0]))
@@ -46,7 +48,7 @@ def trajectory_of(program: Program, rows: Observed, cost: dict[str, float], fail
     winch = np.zeros(T)
     if request.actuation.mode is Mode.HOLD_REST_LENGTH:
         winch = rows.works[:, WINCH]
-    elif program.law is not None:  # by parts, -∫ T dL0 = Δ(energy) - ∫ T dL
+    elif request.law.own is not None:  # by parts, -∫ T dL0 = Δ(energy) - ∫ T dL
         winch = energy - energy[:1] - rows.works[:, STORED]
     columns = [
         rows.nodes.reshape(T, -1),

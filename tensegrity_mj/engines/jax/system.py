@@ -133,9 +133,9 @@ class System:
         for number, one in enumerate(structure.constraints):
             weights = whole[number] @ one.unit @ self.maps
             hold(weights, one.unit, float(whole[number].ravel() @ structure.positions.ravel()), one.name, number)
-        self.rows = np.array(rows).reshape(-1, 3 * C)
+        self.rows: Array = np.array(rows).reshape(-1, 3 * C)
         self.offsets, self.drives = np.array(values), np.array(drives).reshape(len(rows), len(numbers), 3)
-        self.free: Array | None = None
+        self.free: Any = None
         self.inverse = np.zeros((3 * C, 0))
         if len(rows):
             from scipy.linalg import null_space, qr

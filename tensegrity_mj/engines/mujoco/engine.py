@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import mujoco
 
 from tensegrity_mj.basics.fields import field, refused, value
@@ -15,6 +18,9 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Stepping
+
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
 
 
 @value("MuJoCo", OptionError)
@@ -93,6 +99,12 @@ class MuJoCo:
         model = self.model(scene)
         data = mujoco.MjData(model)
         return int(model.nbuffer) + int(data.nbuffer) + int(data.narena)
+
+    def ensemble(self, requests: Sequence[Request], threads: int) -> MuJoCoEnsemble:
+        """Many runs on threads, for `simulate_many`."""
+        from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+
+        return MuJoCoEnsemble(self, requests, threads)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

@@ -47,13 +47,14 @@ class MuJoCoEnsemble:
         ready: of the first scene, whose model those with the same structure, gravity and contact share.
         members: a run each, which `conclude`s with its trajectory or its error.
         models: of the simulations.
+        stages: evaluations of the forces a step.
         data: in which runs are set up; each simulation has a row of the batch.
         seconds: wall time of the integration of all.
     """
 
     def __init__(self, options: MuJoCo, requests: Sequence[Request], threads: int) -> None:
         first, count = requests[0].scene, len(requests)
-        self.options, self.seconds = options, 0.0
+        self.options, self.seconds, self.stages = options, 0.0, options.stages
         self.ready = self.prepare(first)
         self.model, tree = self.ready.model, self.ready.tree
         self.data = mujoco.MjData(self.model)
