@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from tensegrity_mj.engines.jax.arrays import times
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.capabilities import FUNCTION_MOTIONS
 from tensegrity_mj.model.motion import Motion
@@ -33,21 +34,21 @@ def displacements(scene: Scene) -> Callable[[Any], Any]:
 
 
 def _displacement(motion: Motion) -> Callable[[Any], Any]:
-    """Σ amplitude · sin(ω t + phase), and Σ c_k (t - t_i)^k of the data's quintic from t_i on, at rest around."""
+    """Σ amplitude · sin(ω t + phase), and Σ c_k (t - t_i)^k by the data's quintics; still before and after these."""
     amplitudes = np.array([item.amplitude for item in motion.harmonics]).reshape(-1, 3)
     frequencies = np.array([item.angular_frequency for item in motion.harmonics])
     phases = np.array([item.phase for item in motion.harmonics])
-    times, pieces = np.array(motion.times), motion.pieces
+    instants, pieces = np.array(motion.times), motion.pieces
 
     def move(t: Any) -> Any:
         t = jnp.asarray(t)
         waves = jnp.sin(jnp.multiply.outer(frequencies, t) + phases.reshape(-1, *(1,) * t.ndim))
-        total = jnp.tensordot(amplitudes.T, waves, 1)
-        if not len(times):
+        total = times(amplitudes.T, waves)
+        if not len(instants):
             return total
-        at = jnp.clip(jnp.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-        within = (times[0] <= t) & (t <= times[-1])
-        since = jnp.where(within, t, jnp.where(t < times[0], times[0], times[-1])) - jnp.asarray(times)[at]
+        at = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, len(instants) - 2)
+        within = (instants[0] <= t) & (t <= instants[-1])
+        since = jnp.where(within, t, jnp.where(t < instants[0], instants[0], instants[-1])) - jnp.asarray(instants)[at]
         coefficients = jnp.moveaxis(jnp.asarray(pieces)[at], (-2, -1), (0, 1))  # (6, 3, ...)
         found = coefficients[5]
         for k in range(4, -1, -1):
