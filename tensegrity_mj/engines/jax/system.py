@@ -136,7 +136,7 @@ class System:
         self.rows: Array = np.array(rows).reshape(-1, 3 * C)
         self.offsets, self.drives = np.array(values), np.array(drives).reshape(len(rows), len(numbers), 3)
         self.free: Any = None
-        self.inverse = np.zeros((3 * C, 0))
+        self.inverse: Array = np.zeros((3 * C, 0))
         if len(rows):
             from scipy.linalg import null_space, qr
 
@@ -144,7 +144,8 @@ class System:
             kept = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
             self.rows, self.offsets, self.drives = self.rows[kept], self.offsets[kept], self.drives[kept]
             self.links = [self.links[k] for k in kept]
-            self.free, self.inverse = null_space(self.rows, rcond=RANK_TOLERANCE), np.linalg.pinv(self.rows)
+            self.free = null_space(self.rows, rcond=RANK_TOLERANCE)
+            self.inverse = np.asarray(np.linalg.pinv(self.rows), float)
 
     def _is_apart(self) -> bool:
         between = np.asarray(self.mobility(self.parameters()).between)
