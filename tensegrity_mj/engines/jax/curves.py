@@ -62,9 +62,9 @@ class Curves:
         return tension, k * jnp.sum((heights + 0.5 * slopes * b) * b, axis=1) + constant * s
 
     def stretch(self, p: Arrays, tension: Any) -> Any:
-        """(M, ...) [m] at which strings first have tensions (M, ...) [N]; where one stays below, the start of its last piece.
+        """(M, ...) [m] at which strings first have tensions (M, ...) [N], below zero by k.
 
-        Of a constant force 0, of ∞ as a tension ∞, and below zero as far as it would be by k.
+        Of one that stays below, the start of its last piece; of a constant force 0; of ∞ as a tension ∞.
         """
         k = lifted(p["stiffness"], tension)
         if self.linear:
