@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,7 +15,6 @@ from tensegrity_mj.controllers.landscape import Landscape, angles
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
 from tensegrity_mj.pictures.plots import contours_of
-from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 from tensegrity_mj.thesis.experiments import TITLES, EngineName, experiment_of
 from tensegrity_mj.thesis.statement import Runs
@@ -27,7 +27,7 @@ AllRuns = Mapping[EngineName, Runs]
 
 BLUE, GREEN, RED = palette.CYCLE[:3]
 BLACK = (0.1, 0.1, 0.1)
-NAMED = {"blue": BLUE, "green": GREEN, "red": RED, "black": BLACK}
+NAMED = {"blue": BLUE, "green": GREEN, "red": RED, "black": BLACK, "purple": palette.CYCLE[4]}
 PANEL = (3.9, 2.6)  # inches
 MARKS = 24  # circles along a curve
 TIME = "time [s]"
@@ -73,29 +73,31 @@ def curves(
     panel: Any,
     all_runs: AllRuns,
     name: str,
-    values: Callable[[Trajectory], Array],
+    values: Callable[[Any], Array],
     colors: Sequence[Any] = palette.CYCLE,
     *,
+    over: Callable[[Any], Array] = attrgetter("time"),
     labels: Sequence[str] = (),
     marks: bool = True,
     **line: Any,
 ) -> None:
     """Draw a quantity over time, (T,) or (T, n); of the second engine as circles, of many curves only the first 24.
 
-    `line` is Matplotlib's, for the first engine's.
+    `over` has what stands in place of the times, `line` is Matplotlib's, for the first engine's.
     """
     for number, (_, run) in enumerate(versions_of(all_runs, name)):
-        found = np.asarray(values(run)).reshape(len(run.time), -1)
+        x = over(run)
+        found = np.asarray(values(run)).reshape(len(x), -1)
         for column, series in enumerate(found.T):
             color = colors[column % len(colors)]
             if number == 0:
-                text = labels[column] if column < len(labels) else None
-                panel.plot(run.time, series, **{"color": color, "lw": 1.1, "label": text, **line})
+                text = labels[column] if column < len(labels) and np.isfinite(series).any() else None
+                panel.plot(x, series, **{"color": color, "lw": 1.1, "label": text, **line})
             elif marks and column < MARKS:
-                every = max(1, len(run.time) // MARKS)
+                every = max(1, len(x) // MARKS)
                 # Shifted from curve to curve, so that circles of curves that coincide do not hide one another.
                 first = (column * every) // max(1, min(found.shape[1], MARKS))
-                circles(panel, run.time, series, color=color, markevery=(first, every))
+                circles(panel, x, series, color=color, markevery=(first, every))
 
 
 def circles(panel: Any, *places: Any, color: Any, size: float = 3.2, width: float = 0.7, **more: Any) -> None:
@@ -124,10 +126,14 @@ def thesis_axis(panel: Any, low: float, high: float) -> None:
 
 
 def engines_note(
-    figure: Figure, all_runs: AllRuns, extra: str = "", name: str = "", marks: Sequence[str] = ("lines", "circles")
+    figure: Figure,
+    all_runs: AllRuns,
+    extra: str = "",
+    names: Sequence[str] = (),
+    marks: Sequence[str] = ("lines", "circles"),
 ) -> None:
-    """Say below the panels which engine is which, of those that have what is named, and how each is drawn."""
-    engines = [TITLES[engine] for engine, runs in all_runs.items() if not name or name in runs]
+    """Say below the panels which engine is which, of those that have one of what is named, and how each is drawn."""
+    engines = [TITLES[engine] for engine, runs in all_runs.items() if not names or not runs.keys().isdisjoint(names)]
     drawn = [f"{mark}: {engine}" for mark, engine in zip(marks, engines, strict=False)]
     note(figure, "; ".join([*drawn, *([extra] if extra else [])]))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
 from tensegrity_mj.studies.cable.cases import Case, linear_model, run_cases, simulated
 from tensegrity_mj.studies.cable.spectrum import PeakCriteria, Spectrum, peaks_of, picked
+from tensegrity_mj.studies.cable.steps import FoundStep
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS, selected
 from tensegrity_mj.thesis.chapter3 import measures3, series
@@ -142,6 +144,30 @@ def test_what_cannot_be_judged_is_said_and_counted() -> None:
     text = markdown(rows)
     assert "not in the thesis" in text
     assert "| – | – | cannot be judged | – |" in text
+
+
+def test_panels_of_steps_are_over_their_elements() -> None:
+    """Wall times of the steps that were found alone, and all limits; the pale band of the thesis' axis is no line."""
+    steps = [FoundStep(K, math.nan if K == 121 else 0.26 / K, 0.02, 0.3 / K, 0.03, 5) for K in series.ELEMENTS]
+    run = SeriesRun("fixed-drift", "dae", steps=tuple(steps), seconds=tuple(np.arange(9.0)))
+    figure = next(one for one in OF_CHAPTER if one.number == "3.13").draw({EngineName.DAE: {run.name: run}})
+    times, found = ([line.get_xydata().T for line in panel.get_lines()] for panel in figure.axes)
+    np.testing.assert_array_equal(times, [(series.ELEMENTS[:9], np.arange(9.0))])
+    np.testing.assert_array_equal(found[0], (series.ELEMENTS, [one.step for one in steps]))
+    np.testing.assert_array_equal(found[1], (series.ELEMENTS, [one.limit for one in steps]))
+    assert "DAE; times are those of this machine" in figure.get_supxlabel()
+
+
+@pytest.mark.parametrize(("failed", "start"), [([], None), ([8, 9], 103.0)])
+def test_what_did_not_complete_is_shaded(failed: list[int], start: float | None) -> None:
+    """From half of the way between the last cable that did, of 97 elements, and the first that did not, of 109."""
+    cables = [SimpleNamespace(scene=series.hanging(K)) for K in series.ELEMENTS]
+    results = SimpleNamespace(cases=cables, failed=failed, drift=np.full(10, 0.01))
+    run = SeriesRun("fixed-step", "dae", results=results, seconds=(1.0,) * 10)  # type: ignore[arg-type]
+    figure = next(one for one in OF_CHAPTER if one.number == "3.12").draw({EngineName.DAE: {run.name: run}})
+    for panel in figure.axes:
+        assert [patch.get_x() for patch in panel.patches] == ([] if start is None else [start])
+        np.testing.assert_array_equal(panel.get_lines()[0].get_xdata(), series.ELEMENTS)
 
 
 def test_figure_of_single_elements_without_any_run(tmp_path: Path) -> None:

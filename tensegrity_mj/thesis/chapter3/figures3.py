@@ -11,18 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
-from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN
+from tensegrity_mj.thesis.chapter3.series import ELEMENTS, SHOWN
 from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
 
-PURPLE = palette.CYCLE[4]
 INPUT, NUMBER = "input frequency [Hz]", "number of elements"
 FILLED = ("filled", "circles around them")  # how engines are drawn
-SECONDS_NOTE = "times are those of this machine"
 
 
 def psd(all_runs: AllRuns) -> Figure:
@@ -72,7 +69,7 @@ def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, l
     drawing.finish(bottom, "(b) Main peaks of the PSD (dashed: output = input)", "output frequency [Hz]", INPUT)
     for panel in (top, bottom):
         panel.set_xlim(0.0, 1.25)
-    drawing.engines_note(figure, all_runs, drawing.BAND, names[0], FILLED)
+    drawing.engines_note(figure, all_runs, drawing.BAND, names, FILLED)
     return figure
 
 
@@ -87,83 +84,4 @@ def elements(all_runs: AllRuns) -> Figure:
     panel.set_xlim(0, 140)
     drawing.thesis_axis(panel, 1.0, 5.5)
     drawing.finish(panel, "Frequency of one element by itself, (3.28)", "frequency [Hz]", NUMBER)
-    return figure
-
-
-def _over_elements(panel: Any, x: Sequence[float], y: Any, title: str, unit: str) -> None:
-    panel.plot(x, y, color=BLUE, marker="o", ms=4, lw=1.0)
-    panel.set_xlim(0, 140)
-    drawing.finish(panel, title, unit, NUMBER)
-
-
-def fixed_step(all_runs: AllRuns) -> Figure:
-    """Figure 3.12: wall time and drift at one step."""
-    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = drawing.first_of(all_runs, "fixed-step")
-    _over_elements(left, ELEMENTS, run.seconds, "(a) Wall time of 45 s at h = 0.01 s", "time [s]")
-    _over_elements(right, ELEMENTS, run.cases.drift, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift")
-    for panel in (left, right):
-        first = next((K for K, status in zip(ELEMENTS, run.cases.statuses, strict=True) if status != "completed"), None)
-        if first is not None:
-            panel.axvspan(first - 6, 140, color=RED, alpha=0.08, lw=0)
-            panel.text(
-                0.97, 0.06, "h beyond the stable step", transform=panel.transAxes, ha="right", fontsize=8, color=RED
-            )
-    right.set_yscale("log")
-    right.set_ylim(1e-4, 1.0)
-    drawing.engines_note(figure, all_runs, SECONDS_NOTE, "fixed-step", FILLED)
-    return figure
-
-
-def fixed_drift(all_runs: AllRuns) -> Figure:
-    """Figure 3.13: wall time and step at one drift."""
-    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = drawing.first_of(all_runs, "fixed-drift")
-    steps = [one for one in run.steps if np.isfinite(one.step)]
-    counts = [one.elements for one in steps]
-    _over_elements(left, counts, run.seconds, "(a) Wall time of 45 s", "time [s]")
-    _over_elements(right, counts, [one.step for one in steps], "(b) Largest step with a drift within 2 %", "step [s]")
-    right.plot(counts, [one.limit for one in steps], color=RED, ls="--", lw=1.0, label="stable at rest (RK4)")
-    drawing.thesis_axis(right, 0.0, 0.025)
-    right.set_ylim(bottom=0.0)
-    right.legend(fontsize=7.5, frameon=False)
-    drawing.engines_note(figure, all_runs, f"{SECONDS_NOTE}; {drawing.BAND}", "fixed-drift", FILLED)
-    return figure
-
-
-def drift(all_runs: AllRuns) -> Figure:
-    """Figure 3.14: wall time and drift over the frequency."""
-    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = drawing.first_of(all_runs, "drift")
-    f = run.cases.frequencies
-    left.plot(f, run.seconds, color=BLUE, marker="o", ms=4, lw=1.0)
-    left.set_ylim(bottom=0.0)
-    drawing.finish(left, f"(a) Wall time of 45 s at h = {FINE_STEP:g} s, 13 elements", "time [s]", INPUT)
-    right.plot(f, run.cases.drift, color=BLUE, marker="o", ms=4, lw=1.0)
-    right.set_yscale("log")
-    for k in run.cases.failed:
-        right.plot(
-            f[k], run.cases.drift[k], color=RED, marker="x", ms=8, ls="none", label="stopped: a rod lost its length"
-        )
-    drawing.finish(right, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift", INPUT)
-    for panel in (left, right):
-        panel.set_xlim(0.0, 1.4)
-    drawing.engines_note(figure, all_runs, SECONDS_NOTE, "drift", FILLED)
-    return figure
-
-
-def refined(all_runs: AllRuns) -> Figure:
-    """Figure 3.15: amplitudes of models with 13 to 61 elements."""
-    figure = new_figure(6.4, 4.0)
-    panel: Any = figure.subplots()
-    drawing.thesis_axis(panel, 0.0, 18.0)
-    marks = ((13, "k", "o"), (25, BLUE, "^"), (37, GREEN, "s"), (49, RED, "p"), (61, PURPLE, "h"))
-    for count, color, mark in marks:
-        run = drawing.first_of(all_runs, "in-line" if count == 13 else f"in-line-{count}")
-        label = f"{count} elements"
-        panel.plot(
-            run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label
-        )
-    drawing.finish(panel, "Marker 10, in-plane, in-line excitation", "relative amplitude", INPUT)
-    drawing.engines_note(figure, all_runs, drawing.BAND, "in-line-25", FILLED)
     return figure

@@ -112,6 +112,24 @@ def found_steps(run: SeriesRun, name: str) -> Array:
     return np.array([getattr(one, name) for one in run.steps])
 
 
+def elements_of(run: SeriesRun) -> Array:
+    """(C,) numbers of elements of the cases, or of the steps that were found."""
+    if run.results is None:
+        return np.array([one.elements for one in run.steps if math.isfinite(one.step)])
+    return np.array([len(case.scene.structure.rods) for case in run.cases.cases])
+
+
+def first_beyond(run: SeriesRun) -> float:
+    """From how many elements on cases did not complete, half of the way to the one before; NaN where all did."""
+    failed = run.cases.failed
+    return float(elements_of(run)[failed[0]]) - 6.0 if failed else math.nan
+
+
+def drift_of_failed(run: SeriesRun) -> Array:
+    """(C,) the drift of the cases that did not complete; NaN for the others."""
+    return np.where(np.isin(np.arange(len(run.cases.drift)), run.cases.failed), run.cases.drift, np.nan)
+
+
 def drift_trend(run: SeriesRun) -> float:
     """Spearman's correlation of the drift and the input frequency."""
     order = np.argsort(np.argsort(run.cases.drift))
