@@ -131,12 +131,13 @@ class Model:
         """The law's rest lengths (M, ...) within its limits, and its report."""
         assert self.law is not None
         command, report = self.law.command(at.parameters["law"], t, x, v)
-        k = lifted(at.parameters["stiffness"], lengths)
         if self.limited:
             most, least = (lifted(self.limits[name], lengths) for name in ("max_force_density", "min_rest_length"))
             if self.law.returns_lengths:
-                command = jnp.maximum(jnp.maximum(command, least), lengths * (1 - most / k))
+                shortest = self.strings.rest_lengths(at.parameters, lengths, most)
+                command = jnp.maximum(jnp.maximum(command, least), shortest)
             else:
+                k = lifted(at.parameters["stiffness"], lengths)
                 command = jnp.minimum(jnp.minimum(command, most), k * (1 - least / lengths))
         if not self.law.returns_lengths:
             command = self.strings.rest_lengths(at.parameters, lengths, command)
@@ -163,7 +164,7 @@ class Model:
             rest = jnp.clip(rest, before - reach, before + reach)
             command = rest
         else:
-            command = lifted(at.parameters["stiffness"], rest) * (1 - rest / lengths)
+            command = self.strings.densities(at.parameters, lengths, rest)
         held = Held(command, report)
         if first:
             return state, held

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, norm, times
+from tensegrity_mj.engines.jax.curves import Curves
 from tensegrity_mj.model.structure import Structure
 
 
@@ -28,15 +29,16 @@ class Strings:
 
     def __init__(self, structure: Structure, window: float) -> None:
         paths = structure.paths
-        self.window, self.clipped = window, structure.clipped
+        self.window, self.clipped, self.curves = window, structure.clipped, Curves(structure)
         self.segments = incidence(paths.nodes, len(structure.nodes))
         self.total = np.zeros((len(paths.ranges), len(paths.nodes)))
         self.total[paths.strings, np.arange(len(paths.nodes))] = 1.0
         self.simple = len(paths.nodes) == len(paths.ranges)
 
     def parameters(self, structure: Structure) -> dict[str, Any]:
-        """Rest lengths [m], stiffness [N/m] and damping [N s/m], (M,)."""
-        return {name: np.array(getattr(structure, name)) for name in ("rest_lengths", "stiffness", "damping")}
+        """Rest lengths [m], stiffness [N/m] and damping [N s/m], (M,), and those of `Curves`."""
+        own = {name: np.array(getattr(structure, name)) for name in ("rest_lengths", "stiffness", "damping")}
+        return own | self.curves.parameters(structure)
 
     def measure(self, x: Any, v: Any) -> tuple[Any, Any, Any]:
         """Lengths [m] and rates [m/s] of strings (M, ...), and the unit vectors of segments (S, 3, ...)."""
@@ -51,24 +53,27 @@ class Strings:
     def tighten(self, p: Arrays, lengths: Any, rates: Any, rest: Any, whole: Any) -> tuple[Any, Any]:
         """Elastic and total tensions (M, ...) [N]; `whole` (M,) is 0 for broken strings."""
         stretch = lengths - rest
-        k, c, whole = (lifted(one, stretch) for one in (p["stiffness"], p["damping"], whole))
-        clipped = lifted(self.clipped, stretch)
-        taut = (stretch > 0) & (whole > 0)
-        elastic = jnp.where(taut, k * stretch, 0.0)
-        push = c * rates
+        whole, clipped = lifted(whole, stretch), lifted(self.clipped, stretch)
+        elastic = jnp.where(whole > 0, self.curves.pull(p, stretch)[0], 0.0)
+        taut, push = elastic > 0, lifted(p["damping"], stretch) * rates
         both = elastic + push
         tension = jnp.where(taut, jnp.where(clipped, jnp.maximum(both, 0.0), both), 0.0)
         jump = whole * jnp.where(clipped, jnp.maximum(push, 0.0), push)
         return elastic, tension + _jump(stretch, jump, rates, self.window)
 
     def energy(self, p: Arrays, lengths: Any, rest: Any, whole: Any) -> Any:
-        """½ k (L - L0)² of what is taut (M, ...) [J]."""
-        stretch = jnp.maximum(lengths - rest, 0.0)
-        return 0.5 * lifted(whole, stretch) * lifted(p["stiffness"], stretch) * stretch**2
+        """What strings have stored (M, ...) [J]."""
+        return lifted(whole, lengths) * self.curves.pull(p, lengths - rest)[1]
 
     def rest_lengths(self, p: Arrays, lengths: Any, densities: Any) -> Any:
         """L0 (M, ...) at which strings have force densities u: T = u L."""
-        return lengths * (1.0 - densities / lifted(p["stiffness"], lengths))
+        return lengths - self.curves.stretch(p, densities * lengths)
+
+    def densities(self, p: Arrays, lengths: Any, rest: Any) -> Any:
+        """u (M, ...) at rest lengths, below zero where linear strings would push."""
+        if self.curves.linear:
+            return lifted(p["stiffness"], lengths) * (1.0 - rest / lengths)
+        return self.curves.pull(p, lengths - rest)[0] / lengths
 
     def pull(self, units: Any, tensions: Any) -> Any:
         """Forces on the nodes (N, 3, ...) [N]: the two of each segment are pulled together."""
