@@ -39,6 +39,7 @@ class Program:
     """
 
     command = Command.REST_LENGTH
+    arrays = "tensegrity_mj.engines.jax.laws:program_law"
 
     def __init__(
         self,

@@ -158,6 +158,7 @@ class QuadraticLaw:
     model: Scene = field(init=False, repr=False)
 
     command = Command.FORCE_DENSITY
+    arrays = "tensegrity_mj.engines.jax.quadratic_law:quadratic_law"
 
     def __post_init__(self) -> None:
         set_model(self)

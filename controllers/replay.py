@@ -69,6 +69,8 @@ class Replay:
             winch can set.
     """
 
+    arrays = "tensegrity_mj.engines.jax.laws:replay_law"
+
     def __init__(
         self,
         times: ArrayLike,
@@ -167,7 +169,7 @@ class Replay:
             coefficients = np.zeros((len(self.values), size, 4))
             coefficients[:, :, 3] = self.values
         else:
-            coefficients = np.moveaxis(self._spline.c, 0, -1)
+            coefficients = np.moveaxis(self.spline.c, 0, -1)
         return replace(
             cubics(times, coefficients, self.command),
             discontinuous=self.discontinuous,
@@ -181,10 +183,11 @@ class Replay:
         if self.held:
             row = np.searchsorted(self.times, clipped + 1e-9 * (self.times[1] - self.times[0]), side="right") - 1
             return np.array(self.values[max(row, 0)])
-        return np.asarray(self._spline(clipped))
+        return np.asarray(self.spline(clipped))
 
     @cached_property
-    def _spline(self) -> Any:
+    def spline(self) -> Any:
+        """SciPy's, through values that are not held."""
         return self._spline_of(slice(None))
 
     def _spline_of(self, which: slice) -> Any:

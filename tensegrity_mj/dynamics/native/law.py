@@ -9,6 +9,7 @@ attributes:
     describe()                        a dict of plain values for the provenance of a run
     report                            after each call, five numbers about it (see `Report`); NaN where it has none
     native(structure)                 a `NativeLaw`, compiled; the built-in laws have it
+    arrays = "module:function"        of a function (law, structure) -> ArrayLaw, for the differentiable engine
 
 A law that has no admissible answer at a state raises `InfeasibleError`. See docs/laws.md.
 """

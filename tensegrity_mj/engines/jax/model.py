@@ -178,7 +178,7 @@ class Model:
         rates = self.system.vectors(state.rates, prescribed[1])
         return self.system.nodes(y, prescribed[0]), self.system.nodes(rates, prescribed[1]), (y, rates, prescribed)
 
-    def _acting(self, at: Prepared, t: Any, x: Any, v: Any) -> tuple[Any, Any, Any]:
+    def acting(self, at: Prepared, t: Any, x: Any, v: Any) -> tuple[Any, Any, Any]:
         """Forces of the elements (N, 3, ...), and the powers that are lost and given (...) [W]."""
         total, lost, given = jnp.zeros_like(x), jnp.zeros(x.shape[2:]), jnp.zeros(x.shape[2:])
         for effect, p in zip(self.effects, at.parameters["effects"], strict=True):
@@ -200,6 +200,14 @@ class Model:
             lost, given = lost + driven - power, given + driven
         return total, lost, given
 
+    def mobility(self, at: Prepared, t: Any, x: Any) -> tuple[Mobility, Any]:
+        """The mobility at nodes x, and α (R, 2, 2, ...) of what adds mass, or None."""
+        if at.mobility is not None:
+            return at.mobility, None
+        pairs = zip(self.effects, at.parameters["effects"], strict=True)
+        alphas = sum(one.alpha(q, t, x) for one, q in pairs if one.alpha is not None)
+        return self.system.mobility(at.parameters, self.system.added(alphas, x)), alphas
+
     def evaluate(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> tuple[State, Observed, Any]:
         """The state's rates, what is observed of it, and the accelerations of the nodes (N, 3, ...)."""
         x, v, (y, rates, prescribed) = self._nodes(t, state)
@@ -207,13 +215,9 @@ class Model:
         lengths, speeds, units = self.strings.measure(x, v)
         rest, report = self._rest(at, t, x, v, lengths, held)
         elastic, tensions = self.strings.tighten(p, lengths, speeds, rest, whole)
-        acting, lost, given = self._acting(at, t, x, v)
+        acting, lost, given = self.acting(at, t, x, v)
         forces = self.strings.pull(units, tensions) + acting
-        mobility, alphas = at.mobility, None
-        if mobility is None:
-            answers = [(one, q) for one, q in zip(self.effects, p["effects"], strict=True) if one.alpha is not None]
-            alphas = sum(one.alpha(q, t, x) for one, q in answers)  # type: ignore[misc]
-            mobility = system.mobility(p, system.added(alphas, x))
+        mobility, alphas = self.mobility(at, t, x)
         weight = lifted(jnp.outer(mobility.mass @ system.shifted, p["gravity"]), forces, 2)
         outer = times(system.maps.T, forces) + weight
         moved = prescribed[2]

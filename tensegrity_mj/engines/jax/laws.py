@@ -1,0 +1,88 @@
+"""Laws as array functions: those that depend on time alone, and what becomes of commands where strings have mass."""
+
+from __future__ import annotations
+
+import pkgutil
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Command, Report
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, lifted, times
+from tensegrity_mj.engines.jax.strings import Strings
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.structure import Structure
+
+
+def array_law(law: Any, structure: Structure) -> ArrayLaw:
+    """The array function of a law for the strings of a structure; where some of them are ropes, for their parts.
+
+    Args:
+        law: one whose attribute `arrays` is "module:function", of a function (law, structure) -> ArrayLaw.
+
+    Where a law has no admissible command, its report's feasibility margin is zero or less, and its command void.
+
+    Raises:
+        OptionError: for a law without an array function.
+        ElementError: where it accounts for an element that has none.
+    """
+    place = getattr(law, "arrays", "")
+    if not place:
+        raise OptionError(
+            f"law {getattr(law, '__name__', type(law).__name__)} has no array function: state it in jax.numpy as "
+            "engines.ArrayPolicy(function, parameters) (docs/own-law.md), or take another engine"
+        )
+    try:
+        make = pkgutil.resolve_name(place)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise OptionError(
+            f"{law!r}.arrays = {place!r} cannot be imported ({error}); it must be 'module:function'"
+        ) from error
+    found: ArrayLaw = make(law, structure.massless)
+    return _spread(found, structure) if structure.ropes else found
+
+
+def program_law(law: Any, structure: Structure) -> ArrayLaw:
+    """A program of rest lengths; its parameter `coefficients` (T, M, 4) are those of cubics, highest power first."""
+    return _of_time(law.times, law.coefficients, law.command)
+
+
+def replay_law(law: Any, structure: Structure) -> ArrayLaw:
+    """A recording, held or a spline; its parameter is as `program_law`'s."""
+    if law.held:
+        return _of_time(law.times, np.pad(law.values[:, :, None], ((0, 0), (0, 0), (3, 0))), law.command)
+    return _of_time(law.times, np.moveaxis(law.spline.c, 0, -1), law.command)
+
+
+def _of_time(times_of: Array, coefficients: Array, command: Command) -> ArrayLaw:
+    """Polynomials (T, M, 4) in the time since each of the times (T,) [s], highest power first, of no state."""
+    moments, last = jnp.asarray(times_of), len(coefficients) - 1
+
+    def of(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        # A hair beyond a time counts as at it: samples and times differ by round-off.
+        k = jnp.clip(jnp.searchsorted(moments, t + 1e-9 * (moments[1] - moments[0]), side="right") - 1, 0, last)
+        since = jnp.clip(t, moments[0], moments[-1]) - moments[k]
+        value = jnp.tensordot(p["coefficients"][k], since ** jnp.arange(3.0, -1.0, -1.0), ((1,), (0,)))
+        batch = x.shape[2:]
+        return lifted(value, x[:, 0]) + jnp.zeros(batch), jnp.full((len(Report), *batch), jnp.nan)
+
+    return ArrayLaw({"coefficients": np.array(coefficients)}, of, command is Command.REST_LENGTH)
+
+
+def _spread(law: ArrayLaw, structure: Structure) -> ArrayLaw:
+    """Rest lengths of the parts of ropes, which the law knows as massless strings: their shares of L (1 - u/k)."""
+    light = structure.massless
+    shares = {rope.string.name: np.array(rope.shares) for rope in structure.ropes}
+    parts = [shares.get(string.name, np.ones(1)) for string in light.strings]
+    owns = np.repeat(np.eye(len(parts)), [len(part) for part in parts], axis=1)
+    count, strings, compliance = len(light.nodes), Strings(structure, 0.0), 1.0 / light.stiffness
+
+    def command(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        rest, report = law.command(p, t, x[:count], v[:count])
+        if not law.returns_lengths:
+            rest = times(owns, strings.measure(x, v)[0]) * (1.0 - rest * lifted(compliance, rest))
+        return times((owns * np.concatenate(parts)).T, rest), report
+
+    return ArrayLaw(law.parameters, command, returns_lengths=True)

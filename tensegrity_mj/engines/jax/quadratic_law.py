@@ -1,0 +1,135 @@
+"""The laws of chapters 5 and 6 of the thesis as array functions.
+
+V of (5.19) and (6.3) is stated as a function of time, positions and velocities, and its derivatives are automatic:
+along the motion without strings V̇ is β, and the gradient by velocities, through how rods answer forces, is f of
+V̇ = β - fᵀu.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import check_made_for
+from tensegrity_mj.engines.jax.allocation import least_norm, least_squares
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, lifted, times
+from tensegrity_mj.engines.jax.belief import Belief
+from tensegrity_mj.model.structure import Structure
+
+
+def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
+    """The array function of a law of `controllers.quadratic_law`, for a plant of its nodes and strings.
+
+    Its parameters are `decay_rate`, the gains `translation` and `rotation` with X, Y and Z, of the law of chapter 6
+    `stiffness`, `minimum_force_density` (M,) where there are thresholds or ceilings, and those of its `Belief`. A gain
+    is one number where it is the same for all and in all directions, (R,) where it is in all directions; else
+    (R, 3, 3).
+
+    Raises:
+        OptionError: for another plant.
+        ElementError: where it accounts for an element that has no array function.
+    """
+    check_made_for(law.structure, structure)
+    belief = Belief(law)
+    R = len(belief.spans)
+    directions = belief.spans / law.structure.rod_lengths[:, None]
+    onto = None if law.projected_onto is None else law.projected_onto.value
+    z_gains = {name: _gain(law.gains[f"{name}z"], belief.sizes) for name in "XYZ"}
+    b_gains = {name: _gain(law.gains[f"{name}b"][:R], np.full(R, 3)) for name in "XYZK"}
+    limits = law.limits
+    capped = np.isfinite(limits.max_force_density) | np.isfinite(limits.min_rest_length)
+    bounded = bool(np.any(law.floor > 0.0) or np.any(capped))
+    held = bool(np.any(belief.sizes < 3))
+    parameters: dict[str, Any] = {
+        "decay_rate": float(law.decay_rate),
+        "translation": z_gains,
+        "rotation": {name: b_gains[name] for name in "XYZ"},
+        **belief.parameters,
+    }
+    if onto is not None:
+        parameters["stiffness"] = b_gains["K"]
+    if bounded:
+        parameters["minimum_force_density"] = np.array(law.floor)
+
+    def value(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        """Both parts of V (...): of the errors alone, and with velocities."""
+        aims, rates = jax.jvp(lambda t: belief.aim(p["target"], t), (t,), (jnp.ones_like(t),))
+        (r_d, b_d), (r_rate, b_rate) = ([lifted(one, x, 2) for one in both] for both in (aims, rates))
+        e_z, e_z_rate = times(belief.points, x) - r_d, times(belief.points, v) - r_rate
+        if held:
+            e_z, e_z_rate = (jnp.einsum("mka,mk...->ma...", belief.bases, e) for e in (e_z, e_z_rate))
+        b = times(directions, x)
+        e_b, e_b_rate = b - b_d, times(directions, v) - b_rate
+        axis = b if onto == "current" else b_d
+        across = e_b
+        if onto is not None:
+            across = e_b - axis * (_inner(axis, e_b) / _inner(axis, axis))[:, None]
+        error = velocity = 0.0
+        blocks = ((p["translation"], z_gains, e_z, e_z_rate), (p["rotation"], b_gains, across, e_b_rate))
+        for gains, own, e, rate in blocks:
+            Xe, Ye, Ze = (_scaled(gains[n], own[n], a) for n, a in (("X", e), ("Y", rate), ("Z", rate)))
+            error += 0.5 * jnp.sum(e * Xe, axis=(0, 1))
+            velocity += jnp.sum(e * Ye + 0.5 * rate * Ze, axis=(0, 1))
+        if onto is not None:
+            error += 0.5 * jnp.sum(e_b * _scaled(p["stiffness"], b_gains["K"], e_b), axis=(0, 1))
+        return error, velocity
+
+    def command(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        t = jnp.asarray(t, float)
+        free, answer = belief.motion(p, t, x, v)
+        state, rates = (t, x, v), (jnp.ones_like(t), v, free)
+        (error, velocity), (falls, slows) = jax.jvp(lambda *at: value(p, *at), state, rates)
+        V, beta = error + velocity, falls + slows
+        _, back = jax.vjp(lambda v: sum(value(p, t, x, v)), v)
+        influence = answer(back(jnp.ones_like(V))[0])
+        lengths, _, units = belief.strings.measure(x, v)
+        (work,) = jax.linear_transpose(lambda tensions: belief.strings.pull(units, tensions), lengths)(influence)
+        f, alpha = -lengths * work, beta + p["decay_rate"] * V
+        if not bounded and law.norm == 2:
+            u, margin = least_squares(f, alpha)
+        else:
+            floor = lifted(p["minimum_force_density"], f) if bounded else jnp.zeros_like(f)
+            u, margin = least_norm(f, alpha, floor, _ceilings(limits, lengths), capped, law.norm)
+        return u, jnp.stack([margin, V, error, velocity, jnp.full_like(V, jnp.nan)])
+
+    return ArrayLaw(parameters, command)
+
+
+def _ceilings(limits: Any, lengths: Any) -> Any:
+    """c = min(u_max, max(k (1 - L0_min/L), 0)) (M, ...), 0 where there is none."""
+    highest, shortest = limits.max_force_density, limits.min_rest_length
+    of_state, fixed = np.isfinite(shortest), np.isfinite(highest)
+    k = lifted(limits.structure.stiffness, lengths)
+    found = lifted(np.where(fixed, highest, 0.0), lengths)
+    by_length = jnp.maximum(k * (1.0 - lifted(np.where(of_state, shortest, 0.0), lengths) / lengths), 0.0)
+    both = jnp.where(lifted(fixed, lengths), jnp.minimum(found, by_length), by_length)
+    return jnp.where(lifted(of_state, lengths), both, found)
+
+
+def _gain(matrices: Array, sizes: Array) -> Any:
+    """Gains (R, 3, 3) as one number, (R,) or as they are, see `quadratic_law`; beyond a block's size nothing counts."""
+    numbers = matrices[:, 0, 0]
+    for matrix, number, size in zip(matrices, numbers, sizes, strict=True):
+        if not np.array_equal(matrix[:size, :size], number * np.eye(size)):
+            return np.array(matrices)
+    used = numbers[sizes > 0]
+    if len(used) == 0 or np.all(used == used[0]):
+        return float(used[0]) if len(used) else 0.0
+    return np.array(numbers)
+
+
+def _scaled(gain: Any, own: Any, vectors: Any) -> Any:
+    """A gain times vectors (R, 3, ...); `own` is it as it was built, without a batch."""
+    if np.ndim(own) == 0:
+        return gain * vectors
+    if np.ndim(own) == 1:
+        return lifted(gain, vectors[:, 0])[:, None] * vectors
+    return jnp.einsum("rij...,rj...->ri...", lifted(gain, vectors[:, None], 3), vectors)
+
+
+def _inner(a: Any, b: Any) -> Any:
+    return jnp.sum(a * b, axis=1)
