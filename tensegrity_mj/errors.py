@@ -74,6 +74,10 @@ class StabilityWarning(UserWarning):
     """A run whose step is beyond the largest stable one, or too coarse for its contact, reported before it starts."""
 
 
+class IdentificationWarning(UserWarning):
+    """Parameters that measurements do not see, reported before they are fitted."""
+
+
 MOST_LETTERS = 600  # of a message
 
 

@@ -23,7 +23,7 @@ MOST_BYTES = 500_000_000  # of a CSV file
 COLUMNS = ("x", "y", "z", "vx", "vy", "vz")
 FORM = (
     "the first line names the columns: time, n1.x, n1.y, n1.z, ... or time, node, x, y, z; also velocities (n1.vx ...) "
-    "and s1.tension, in SI units"
+    "and s1.tension, s1.length, in SI units"
 )
 # Variables of a NetCDF table: dimensions, units that it may name.
 VARIABLES = {
@@ -43,7 +43,7 @@ class Table:
         nodes: (K,) names.
         positions: (T, K, 3) [m].
         velocities: (T, K, 3) [m/s], or None.
-        tensions: (T,) [N] of strings by their names.
+        tensions, lengths: (T,) [N], [m] of strings by their names.
         name: what it is called, such as the name of its file.
         header: what the file says of itself, such as the `step` that it was computed with [s].
 
@@ -58,6 +58,7 @@ class Table:
     tensions: dict[str, Array] = field(default_factory=dict)
     name: str = "table"
     header: dict[str, Any] = field(default_factory=dict)
+    lengths: dict[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = np.size(self.time)
@@ -68,9 +69,11 @@ class Table:
             raise OptionError(f"{self.name}: row {back[0] + 2}: {_backwards(time[back[0] + 1], time[back[0]])}")
         if len(set(self.nodes)) < len(self.nodes):
             raise OptionError(f"{self.name}: nodes {', '.join(self.nodes)}: each may be there once")
-        parts = {"positions": self.positions, "velocities": self.velocities, **self.tensions}
-        for what, values in parts.items():
-            shape = (count,) if what in self.tensions else (count, len(self.nodes), 3)
+        of_nodes, of_strings = (count, len(self.nodes), 3), (count,)
+        parts: list[tuple[str, Any, tuple[int, ...]]] = [("positions", self.positions, of_nodes)]
+        parts += [("velocities", self.velocities, of_nodes)]
+        parts += [(name, one, of_strings) for name, one in (*self.tensions.items(), *self.lengths.items())]
+        for what, values, shape in parts:
             if values is not None and np.shape(values) != shape:
                 raise OptionError(f"{self.name}: {what} has shape {np.shape(values)}; it must be {shape}")
 
@@ -109,11 +112,11 @@ def _read_csv(source: Path) -> dict[str, Any]:
     fast = "vx" in header if long else any(f"{node}.v{axis}" in header for node in nodes for axis in "xyz")
     columns = COLUMNS[: 6 if fast else 3]
     # The columns of each member; of one of the long form, by its row.
-    wide = {} if long else {node: [f"{node}.{one}" for one in columns] for node in nodes or ["n1"]}
+    strings = [name for name in header if name.endswith((".tension", ".length"))]
+    wide = {} if long else {node: [f"{node}.{one}" for one in columns] for node in nodes or ([] if strings else ["n1"])}
     absent = [name for name in chain(columns if long else (), *wide.values()) if name not in header]
     if absent:
         raise FormatError(f"{source}: there is no column '{absent[0]}'; {FORM}")
-    strings = [name for name in header if name.endswith(".tension")]
     last: dict[str, float] = {}
     found: dict[tuple[float, str], list[float]] = {}
     for cells in rows:
@@ -133,10 +136,14 @@ def _read_csv(source: Path) -> dict[str, Any]:
     seen = tuple(name for name in last if name not in strings)
     moved = np.array([[found.get((time, node), gap) for node in seen] for time in times], float)
     moved = moved.reshape(len(times), len(seen), len(columns))
-    pulls = {name.removesuffix(".tension"): np.array([found[time, name][0] for time in times]) for name in strings}
+    of_strings = {name: np.array([found[time, name][0] for time in times]) for name in strings}
+    tensions, lengths = (
+        {name.removesuffix(end): one for name, one in of_strings.items() if name.endswith(end)}
+        for end in (".tension", ".length")
+    )
     velocities = moved[..., 3:] if fast else None
-    data = {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": pulls}
-    return data | {"header": said_in_comments(lines)}
+    data = {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": tensions}
+    return data | {"lengths": lengths, "header": said_in_comments(lines)}
 
 
 def _number(source: Path, line: int, column: str, text: str) -> float:

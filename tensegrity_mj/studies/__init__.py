@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.ensemble import Ensemble as Ensemble
     from tensegrity_mj.studies.ensemble import law_in as law_in
     from tensegrity_mj.studies.ensemble import simulate_many as simulate_many
+    from tensegrity_mj.studies.identification.fitting import FitOptions as FitOptions
+    from tensegrity_mj.studies.identification.measurements import measured as measured
+    from tensegrity_mj.studies.identification.result import Identification as Identification
+    from tensegrity_mj.studies.identification.result import identify as identify
+    from tensegrity_mj.studies.identification.unknowns import Parameter as Parameter
     from tensegrity_mj.studies.many import Study as Study
     from tensegrity_mj.studies.many import run_many as run_many
     from tensegrity_mj.studies.page import write_sweep_page as write_sweep_page

@@ -34,6 +34,21 @@ class Scaled:
     def __str__(self) -> str:
         return f"*{self.factor!r}"
 
+    def of(self, now: float) -> float:
+        """What becomes of a value."""
+        return now * self.factor
+
+
+@value("Noted", OptionError)
+class Noted(Scaled):
+    """A factor that notes what it was applied to."""
+
+    found: list[float] = field(None, factory=list)
+
+    def of(self, now: float) -> float:
+        self.found.append(now)
+        return super().of(now)
+
 
 def encoded(value: Any) -> Any:
     """A value as points hold it: `Scaled(0.8)` is the text *0.8."""
@@ -101,7 +116,7 @@ def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -
     """
     row = [float(x) for x in now]
     if isinstance(value, Scaled):
-        row = [x * value.factor if axis in (None, i) else x for i, x in enumerate(row)]
+        row = [value.of(x) if axis in (None, i) else x for i, x in enumerate(row)]
     elif axis is not None:
         row[axis] = finite(path, value)
     elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
@@ -126,7 +141,7 @@ def scaled(path: str, scale: Scaled, now: Any) -> float:
     if not isinstance(now, (int, float)) or isinstance(now, bool) or not math.isfinite(now):
         what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
         raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
-    return float(now) * scale.factor
+    return scale.of(float(now))
 
 
 def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) -> Any:

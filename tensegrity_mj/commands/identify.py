@@ -1,0 +1,51 @@
+"""Find parameters of a scene from measurements: what these can tell, estimates with intervals, and a page."""
+
+from __future__ import annotations
+
+import argparse
+
+import tensegrity_mj.library as library
+from tensegrity_mj import model, studies
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, finite, output_file, positive, refuse, wrote
+from tensegrity_mj.errors import OptionError
+
+
+def noise(text: str) -> tuple[str, float]:
+    """argparse type: a number, of node positions, or QUANTITY=NUMBER."""
+    quantity, _, number = text.rpartition("=")
+    return quantity or "nodes", positive(number)
+
+
+def share(text: str) -> float:
+    """argparse type: a number between 0 and 1."""
+    if not 0 < finite(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: it must be between 0 and 1")
+    return finite(text)
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Fit, and write what the options name; whatever can be refused is refused before."""
+    experiment.check_control(options)
+    experiment.refuse_options_of_other_engines(options, (options.engine,))
+    refuse(options, ("output-interval", "on-infeasible"), "means nothing here: runs are seen when it was measured")
+    if options.law is None:
+        refuse(options, ("law-option", "norm", "decay-rate", "actuation"), "needs --law, the law that was at work")
+    scene_out = output_file(options.scene_out, "--scene-out", (".toml",))
+    scene, sigmas = library.load_scene(options.scene), options.sigma or ()
+    if len(dict(sigmas)) < len(sigmas):
+        raise OptionError("--sigma: a quantity is given twice; give each once")
+    found = studies.identify(
+        scene,
+        [studies.measured(path, options.members, **dict(sigmas)) for path in options.data],
+        options.parameter,
+        experiment.engine_of(options.engine, options),
+        law=None if options.law is None else experiment.law_of(options, scene),
+        options=studies.FitOptions(options.level or 0.95, options.hold_unseen, experiment.actuation_of(options)),
+        folder=options.out,
+        progress=True,
+    )
+    if scene_out is not None:
+        model.save_scene(found.scene, scene_out)
+    status = "completed" if found.data["converged"] else "not converged"
+    return Outcome({"status": status, **found.data}, repr(found), notes=wrote(found.folder, "identification.html"))

@@ -1,0 +1,1 @@
+"""Parameters of a scene from measurements: what these can tell, the fit, and how well it is known."""

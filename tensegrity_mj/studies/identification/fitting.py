@@ -1,0 +1,172 @@
+"""A fit by least squares: what data see of the parameters before it; estimates, intervals and residuals after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.progress import bar
+from tensegrity_mj.basics.warned import warn_caller
+from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError, TensegrityError
+from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.studies.identification import statistics
+from tensegrity_mj.studies.identification.measurements import Observation
+from tensegrity_mj.studies.identification.predictions import Predictions
+from tensegrity_mj.studies.identification.unknowns import Unknowns
+
+Data = dict[str, Any]
+TOLERANCE = 1e-10  # relative change of parameters or of the sum of squares at which a fit ends
+MOST_RUNS = 200
+
+
+@value("FitOptions", OptionError)
+class FitOptions:
+    """How a fit is made.
+
+    Attributes:
+        level: of the intervals' confidence.
+        hold_unseen: whether parameters without which the data see all others stay at their start.
+        actuation: of the law; continuous by default.
+    """
+
+    level: float = field(kinds.number("between 0 and 1", lambda x: 0 < x < 1), default=0.95)
+    hold_unseen: bool = field(kinds.flag(), default=False)
+    actuation: Actuation | None = field(None, default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Residuals (predicted - measured) / σ, then (value - start) / prior, by parameters in parts of their sizes."""
+
+    model: Predictions
+    unknowns: Unknowns
+    observation: Observation
+
+    def residuals(self, parts: Array) -> Array:
+        """(n + K,) of n measurements and K priors."""
+        unknowns, observed = self.unknowns, self.observation
+        values, known = parts * unknowns.sizes, ~np.isnan(unknowns.prior)
+        off = (self.model.predict(values) - observed.values) / observed.sigma
+        return np.concatenate([off, ((values - unknowns.start) / unknowns.prior)[known]])
+
+    def jacobian(self, parts: Array) -> Array:
+        """(n + K, P)."""
+        sizes, known = self.unknowns.sizes, ~np.isnan(self.unknowns.prior)
+        slopes = self.model.jacobian(parts * sizes) * (sizes / self.observation.sigma[:, None])
+        return np.concatenate([slopes, np.diag(sizes / self.unknowns.prior)[known]])
+
+
+def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
+    """Everything about a fit, as plain values; parameters in their order.
+
+    SciPy's trust region (`least_squares`, "trf") makes the sum of squares least within the bounds. Where no noise is
+    given, σ is one, and is estimated afterwards.
+
+    Warns:
+        IdentificationWarning: before the fit, of combinations of parameters that the data do not see.
+
+    Raises:
+        OptionError: where the data see no parameter.
+        TensegrityError: where the start cannot be simulated.
+    """
+    from scipy.optimize import least_squares
+
+    unknowns, noise = problem.unknowns, problem.model.noise
+    start, limit = unknowns.start / unknowns.sizes, statistics.LIMIT if problem.observation.known else np.inf
+    with bar(progress, f"fit of {len(start)} parameters", unit=" runs") as steps:
+        slopes = problem.jacobian(start)
+        if not (np.isfinite(problem.residuals(start)).all() and np.isfinite(slopes).all()):
+            raise DivergenceError("the run with the parameters' starts is not finite; start elsewhere", 0.0)
+        before = statistics.information(slopes, noise, limit)
+        held = statistics.held_back(slopes, noise, limit) if options.hold_unseen else []
+        free = np.setdiff1d(np.arange(len(start)), held)
+        if before.pivots:
+            done = f"; held at their starts: {', '.join(unknowns.names[k] for k in held)}" if held else ""
+            words = f"the measurements do not see: {'; '.join(before.words(unknowns.names))}{done}"
+            if not len(free):
+                raise OptionError(words)
+            warn_caller(words, IdentificationWarning)
+
+        def whole(parts: Array) -> Array:
+            found = start.copy()
+            found[free] = parts
+            return found
+
+        def residuals(parts: Array) -> Array:
+            steps.update()
+            try:
+                return problem.residuals(whole(parts))
+            except TensegrityError:  # the step was too long for the scene: a shorter one follows
+                return np.full(len(slopes), np.nan)
+
+        found = least_squares(
+            residuals,
+            start[free],
+            lambda parts: problem.jacobian(whole(parts))[:, free],
+            ((unknowns.low / unknowns.sizes)[free], (unknowns.high / unknowns.sizes)[free]),
+            x_scale="jac",
+            max_nfev=MOST_RUNS,
+            **dict.fromkeys(("xtol", "ftol", "gtol"), TOLERANCE),
+        )
+    inner, values = found.active_mask == 0, whole(found.x) * unknowns.sizes
+    notes = np.full(len(start), "held at its start", object)
+    notes[free] = np.where(inner, "", "at its bound")
+    known, deviations, reach = _known(problem, found.jac[:, inner], found.fun, free[inner], options.level)
+    columns = {"name": unknowns.names, "path": unknowns.paths, "start": unknowns.start, "value": values}
+    columns |= {"deviation": deviations, "low": values - reach, "high": values + reach, "note": notes}
+    rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    return {
+        "parameters": [dict(zip(columns, row, strict=True)) for row in rows],
+        "converged": bool(found.status > 0),
+        "runs": int(found.nfev),
+        "before": before.told(unknowns.names),
+        **known,
+        **_series(problem.observation, found.fun),
+    }
+
+
+def _known(
+    problem: Problem, jacobian: Array, residuals: Array, inner: IntArray, level: float
+) -> tuple[Data, Array, Array]:
+    """How well the parameters `inner` are known; deviations and half intervals of all (P,), NaN of the others.
+
+    With noise that is given the covariance is (Jᵀ J)⁻¹ and intervals are normal. Else it is times the variance of the
+    noise, estimated as χ² / (n + K - P), and intervals are Student's t of that many degrees of freedom.
+    """
+    from scipy.stats import chi2, norm, t
+
+    observed, names = problem.observation, [problem.unknowns.names[k] for k in inner]
+    degrees, total = len(residuals) - len(inner), float(residuals @ residuals)
+    variance = 1.0 if observed.known else total / degrees if degrees > 0 else np.nan
+    found = statistics.covariance(jacobian, problem.model.noise) * variance
+    deviations = np.full(len(problem.unknowns.start), np.nan)
+    deviations[inner] = np.sqrt(np.diag(found)) * problem.unknowns.sizes[inner]
+    quantile = (norm if observed.known else t(max(degrees, 1))).ppf(0.5 + 0.5 * level)
+    data = {
+        "level": level,
+        "estimated_noise": None if observed.known else float(np.sqrt(variance)),
+        "chi_squared": total if observed.known else None,
+        "degrees": degrees,
+        "p_value": float(chi2.sf(total, degrees)) if observed.known and degrees > 0 else None,
+        "correlated": names,
+        "correlation": statistics.correlation(found).tolist(),
+        "after": statistics.information(jacobian / np.sqrt(variance or 1.0), problem.model.noise).told(names),
+    }
+    return data, deviations, quantile * deviations
+
+
+def _series(observed: Observation, residuals: Array) -> Data:
+    """What was measured and what the fit has, series by series, and whether the residuals are white."""
+    series, off = [], []
+    for number, (label, unit) in enumerate(zip(observed.labels, observed.units, strict=True)):
+        own = np.flatnonzero(observed.series == number)
+        off.append(residuals[own])
+        fitted = observed.values[own] + off[-1] * observed.sigma[own]
+        columns = {"time": observed.times[observed.rows[own]], "measured": observed.values[own], "fitted": fitted}
+        series.append({"label": label, "unit": unit, **{key: one.tolist() for key, one in columns.items()}})
+    return {"whiteness": statistics.whiteness(off), "series": series}

@@ -1,0 +1,112 @@
+"""The page of an identification: measured against fitted, intervals, information and residuals, of its data alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.texts import figure_text
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import COLUMN, ROW, frame, grid_of_panels, new_figure
+from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
+from tensegrity_mj.studies.report import Page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Data = dict[str, Any]
+MOST_SERIES = 9  # that are drawn: those that move most, in parts of the largest of their unit
+DOUBTFUL = 0.01  # p below which χ² or whiteness is evidence against noise or model
+
+
+def page_of(data: Data) -> Page:
+    """The page."""
+    level = f"{data['level']:.3g}"
+    heads = {"name": "parameter", "start": "start", "value": "estimate", "deviation": "standard deviation"}
+    heads |= {"low": f"{level} from", "high": "to", "note": ""}
+    matrix = [[name, *row] for name, row in zip(data["correlated"], data["correlation"], strict=True)]
+    tables = [
+        Table.of("Parameters", heads, data["parameters"]),
+        Table("Correlation of the estimates", ["", *data["correlated"]], matrix, folded=True),
+    ]
+    pictures = [
+        Picture(_fitted(data), "Measured (dots) and fitted (lines): the series that move most."),
+        Picture(_intervals(data), f"Intervals of {level} confidence in parts of the estimate; a cross is the start."),
+        Picture(_spectra(data), "What the data tell, and what is left; dashed: 95 % of white noise is within."),
+    ]
+    (_, verdict), *others = verdicts(data)
+    findings = [Finding(Mark.GOOD if good else Mark.LIMITED, text) for good, text in others]
+    sections = pictures_and_tables(pictures, tables)
+    return Page(f"Identification of {data['scene']}", data["source"], verdict, findings, sections)
+
+
+def verdicts(data: Data) -> Iterator[tuple[bool, str]]:
+    """Sentences, and whether each is good: how the fit ended, its residuals, and what it cannot tell."""
+    count, ended = sum(len(one["time"]) for one in data["series"]), "ended" if data["converged"] else "did not end"
+    yield (
+        data["converged"],
+        f"{len(data['parameters'])} parameters of {count} numbers: the fit {ended} at run {data['runs']}.",
+    )
+    if data["p_value"] is not None:
+        good = data["p_value"] >= DOUBTFUL
+        text = f"χ² is {data['chi_squared']:.5g} of {data['degrees']} degrees of freedom (p = {data['p_value']:.2g})"
+        yield good, text + ("." if good else ": the noise or the model is not as given.")
+    if data["estimated_noise"] is not None:
+        yield True, f"The noise, estimated, is {quantity(data['estimated_noise'], data['series'][0]['unit'])}."
+    if (p := data["whiteness"]["p_value"]) is not None:
+        what = "white" if p >= DOUBTFUL else "correlated in time, and intervals too narrow"
+        yield p >= DOUBTFUL, f"Residuals are {what} (Ljung and Box, {data['whiteness']['lags']} lags: p = {p:.2g})."
+    for one in data["after"]["unseen"]:
+        yield False, f"The measurements do not see: {one}."
+    for row in data["parameters"]:
+        if row["note"]:
+            yield False, f"{row['name']} is {row['note']}, without an interval."
+
+
+def _fitted(data: Data) -> Figure:
+    series = [one for one in data["series"] if one["time"]]
+    spans = [float(np.ptp(one["fitted"])) for one in series]
+    most = {
+        one["unit"]: max(s for s, two in zip(spans, series, strict=True) if two["unit"] == one["unit"])
+        for one in series
+    }
+    order = sorted(range(len(series)), key=lambda k: -spans[k] / (most[series[k]["unit"]] or 1.0))[:MOST_SERIES]
+    figure, panels = grid_of_panels(len(order), 3, COLUMN, ROW)
+    for panel, one in zip(panels, (series[k] for k in order), strict=True):
+        panel.plot(one["time"], one["measured"], ".", ms=3, color=palette.color_of(0), alpha=0.5)
+        panel.plot(one["time"], one["fitted"], color=palette.color_of(2), lw=1.2)
+        frame(panel, figure_text(one["label"]), "t [s]", f"[{one['unit']}]")
+    return figure
+
+
+def _intervals(data: Data) -> Figure:
+    known = [row for row in data["parameters"] if math.isfinite(row["deviation"]) and row["value"]]
+    figure, places = new_figure(2 * COLUMN, 0.8 + 0.22 * max(len(known), 1)), np.arange(len(known))
+    panel = figure.subplots()
+    reach = [(row["high"] - row["value"]) / abs(row["value"]) for row in known]
+    panel.errorbar(np.ones(len(known)), places, xerr=reach, fmt="o", ms=4, capsize=3, color=palette.color_of(0))
+    panel.plot([row["start"] / row["value"] for row in known], places, "x", color=palette.GUIDE)
+    panel.set_yticks(places, [figure_text(row["name"]) for row in known])
+    panel.invert_yaxis()
+    frame(panel, "", "in parts of the estimate")
+    return figure
+
+
+def _spectra(data: Data) -> Figure:
+    figure, (left, right) = grid_of_panels(2, 2, COLUMN, ROW)
+    for number, when in enumerate(("before", "after")):
+        values = np.array(data[when]["eigenvalues"])
+        places, shown = np.arange(1, len(values) + 1), np.where(values > 0, values, np.nan)
+        left.semilogy(places, shown, "ox"[number], label=f"{when} the fit", color=palette.color_of(number))
+    frame(left, "eigenvalues of the Fisher information", "number", "in parts of the starts")
+    white = data["whiteness"]
+    right.bar(np.arange(1, white["lags"] + 1), white["autocorrelation"], color=palette.color_of(0), width=0.5)
+    for bound in () if white["bound"] is None else (white["bound"], -white["bound"]):
+        right.axhline(bound, color=palette.GUIDE, ls="--", lw=0.9)
+    frame(right, "autocorrelation of the residuals", "lag in samples")
+    return figure

@@ -1,0 +1,230 @@
+"""What a run with other parameters has of what was measured, and its derivatives: by an engine that differentiates, or
+by central differences of any other."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.table import engine_settings
+from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.runs.resampling import resampled
+from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.simulation import simulate
+from tensegrity_mj.studies.identification.measurements import Observation
+from tensegrity_mj.studies.identification.unknowns import Unknowns
+from tensegrity_mj.studies.nominal import NominalWinches
+from tensegrity_mj.studies.parameter_values import parts_of
+from tensegrity_mj.studies.plain import digest
+from tensegrity_mj.studies.scene_parameters import MEMBERS
+from tensegrity_mj.studies.store import FILES, Store
+
+STEP = 1e-4  # of a parameter's size: differences are wrong by 1e-8 by their step, and by 1e-6 where runs are by 1e-10
+FINEST = 1e-3  # s between samples of an engine that chooses its steps, where times of measurements are not regular
+# What arrays of the differentiable engine have of structures; of a scene they have what changes them.
+DIFFERENTIATED = {
+    "strings": ("stiffness", "damping", "rest_length", "tension", "force_density"),
+    "rods": ("mass",),
+    "point_masses": ("mass",),
+}
+
+
+class Predictions(Protocol):
+    """Predictions (n,) of parameters (P,), and their Jacobian (n, P), in which singular values below `noise` times the
+    largest are none."""
+
+    noise: float
+
+    def predict(self, values: Array) -> Array: ...
+    def jacobian(self, values: Array) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What is simulated: parameters, an engine, a law that stays as it is, and what is seen of a run."""
+
+    unknowns: Unknowns
+    observation: Observation
+    engine: Any
+    law: Any = None
+    actuation: Actuation | None = None
+
+    def at(self, values: Array) -> tuple[Any, Any]:
+        """The scene and the law; where the parameters are the plant's, the law believes in the scene that was given."""
+        draft = self.unknowns.at(values)
+        if draft.plant is None or self.law is None:
+            return draft.plant or draft.scene, self.law
+        return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
+
+    @property
+    def predictions(self) -> Predictions:
+        """Those of the engine."""
+        name, _ = engine_settings(self.engine)
+        return Differentiated(self) if name == "jax" else Differences(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Predictions of any engine, with central differences."""
+
+    experiment: Experiment
+    noise = 1e-5
+
+    def predict(self, values: Array) -> Array:
+        """One run.
+
+        Raises:
+            TensegrityError: as `simulate`; DivergenceError, too, for a run that ended before the last measurement.
+        """
+        of, (scene, law), (duration, interval) = self.experiment, self.experiment.at(values), self._grid
+        run = simulate(scene, law, of.engine, duration=duration, actuation=of.actuation, output_interval=interval)
+        if run.status is not Status.COMPLETED:
+            raise DivergenceError(f"the run ends before the last measurement: {run.message}", float(run.time[-1]), run)
+        found = resampled(run, of.observation.times).values
+        return of.observation.seen(found["nodes"], scene.structure.string_lengths(found["nodes"]), found["tensions"])
+
+    def jacobian(self, values: Array) -> Array:
+        """Two runs a parameter."""
+        return differences(self.predict, values, self.experiment.unknowns)
+
+    @cached_property
+    def _grid(self) -> tuple[float, float]:
+        """Duration and output interval [s]: samples at the measurements where these are regular, else fine ones."""
+        times, step = self.experiment.observation.times, getattr(self.experiment.engine, "timestep", None)
+        gap = float(np.diff(times[times > 0], prepend=0.0).min())
+        ratios = np.array([*(times / gap), *([gap / step] if step else [])])
+        interval = gap if np.all(np.abs(ratios - np.round(ratios)) < 1e-6) else step or min(FINEST, gap)
+        return float(np.ceil(times[-1] / interval - 1e-6)) * interval, interval
+
+
+def differences(
+    function: Callable[[Array], Array], values: Array, unknowns: Unknowns, pattern: Array | None = None
+) -> Array:
+    """Central differences (n, P) of a function of parameters (P,); at a bound, one-sided.
+
+    Args:
+        pattern: (n, P) ones where the function changes with a parameter, else zeros; parameters that change nothing in
+            common are then changed at once.
+    """
+    groups = [[place] for place in range(len(values))] if pattern is None else _apart(pattern)
+    found, step = [np.zeros(0)] * len(values), STEP * unknowns.sizes
+    for group in groups:
+        steps = np.where(np.isin(np.arange(len(values)), group), step, 0.0)
+        low, high = (np.clip(values + one, unknowns.low, unknowns.high) for one in (-steps, steps))
+        change = function(high) - function(low)
+        for place in group:
+            slope = change / (high[place] - low[place])
+            found[place] = slope if pattern is None else slope * pattern[:, place]
+    return np.stack(found, axis=1)
+
+
+def _apart(pattern: Array) -> list[list[int]]:
+    """Columns in groups, within which no two have ones in the same row."""
+    groups: list[list[int]] = []
+    for place in range(pattern.shape[1]):
+        fits = (one for one in groups if not np.any(pattern[:, one].any(axis=1) & (pattern[:, place] > 0)))
+        group = next(fits, None)
+        if group is None:
+            groups.append([place])
+        else:
+            group.append(place)
+    return groups
+
+
+class Differentiated:
+    """Predictions of the engine that differentiates runs by arrays of numbers.
+
+    What parameters make of these arrays, products and quotients of a few numbers, is differentiated by differences.
+    """
+
+    noise = 1e-7
+
+    def __init__(self, experiment: Experiment) -> None:
+        import jax
+        from jax.flatten_util import ravel_pytree
+
+        from tensegrity_mj.engines.jax.engine import Derivatives
+
+        unknowns, observation = experiment.unknowns, experiment.observation
+        engine = replace(experiment.engine, derivatives=Derivatives.FORWARD)
+        options = {"times": observation.times, "actuation": experiment.actuation}
+        _refuse_what_is_no_array(unknowns.paths)
+        program = engine.model(*experiment.at(unknowns.start), **options)
+        _, restored = ravel_pytree(program.parameters)
+
+        def seen(arrays: Any) -> Any:
+            run = program.run(restored(arrays))
+            return observation.seen(run.nodes, run.lengths, run.tensions)
+
+        def along(arrays: Any, changes: Any) -> Any:
+            return jax.vmap(lambda change: jax.jvp(seen, (arrays,), (change,)), out_axes=(None, 0))(changes)
+
+        def arrays(values: Array) -> Array:
+            return np.asarray(ravel_pytree(engine.model(*experiment.at(values), **options).parameters)[0])
+
+        self._unknowns, self._arrays, self._along = unknowns, arrays, jax.jit(along)
+        self._last: tuple[Array, Array, Array] | None = None  # values, predictions, Jacobian
+        # Beside the start, where a change may be zero by chance, as that of a slack string's rest length by stiffness.
+        beside = np.clip(unknowns.start + 10 * STEP * unknowns.sizes, unknowns.low, unknowns.high)
+        self._pattern = (differences(arrays, beside, unknowns) != 0).astype(float)
+        for path, changes in zip(unknowns.paths, self._pattern.T, strict=True):
+            if not changes.any():
+                raise OptionError(f"{path}: {_NOT_DIFFERENTIATED}")
+
+    def predict(self, values: Array) -> Array:
+        """One run; TensegrityError for values that a scene cannot have."""
+        return self._at(values)[1]
+
+    def jacobian(self, values: Array) -> Array:
+        """All parameters at once."""
+        return self._at(values)[2]
+
+    def _at(self, values: Array) -> tuple[Array, Array, Array]:
+        """Both by one compiled function: to compile a second one takes as long as many runs."""
+        if self._last is None or not np.array_equal(self._last[0], values):
+            changes = differences(self._arrays, values, self._unknowns, self._pattern)
+            found, slopes = self._along(self._arrays(values), changes.T)
+            self._last = values.copy(), np.asarray(found), np.asarray(slopes).T
+        return self._last
+
+
+_NOT_DIFFERENTIATED = "JAX has no derivative by it; use another engine, as MuJoCo()"
+
+
+def _refuse_what_is_no_array(paths: tuple[str, ...]) -> None:
+    for path in paths:
+        first, *_, last = parts_of(path.partition(".")[2], path)
+        kind = first.partition("[")[0]
+        if last not in DIFFERENTIATED.get(kind, () if kind in (*MEMBERS, "nodes", "string_law") else (last,)):
+            raise OptionError(f"{path}: {_NOT_DIFFERENTIATED}")
+
+
+class Kept:
+    """Predictions of which those that a study's folder has are read there, and all others are kept."""
+
+    def __init__(self, of: Predictions, store: Store) -> None:
+        self._of, self._store, self.noise = of, store, of.noise
+
+    def predict(self, values: Array) -> Array:
+        """As it was kept, or computed."""
+        return self._kept("predict", values)
+
+    def jacobian(self, values: Array) -> Array:
+        """As it was kept, or computed."""
+        return self._kept("jacobian", values)
+
+    def _kept(self, what: str, values: Array) -> Array:
+        key = digest({"what": what, "values": values})
+        path = self._store.folder / FILES / f"{key}.npy"
+        if key not in self._store.outcomes:
+            content = io.BytesIO()
+            np.save(content, getattr(self._of, what)(values))
+            self._store.add(key, {"what": what}, {path.name: content.getvalue()})
+        return np.load(path)
