@@ -19,7 +19,7 @@ class Steps(NamedTuple):
         step: [s].
         stride: how many a recorded row.
         ratio: how many a sample of the law; 0: it is not sampled.
-        breaks: (M,) the number of the step before which each string breaks, or None where none does.
+        breaks: (M,) the number of the step at whose start each string breaks, or None where none does.
     """
 
     step: float
@@ -52,12 +52,12 @@ def fixed_steps(
 
     def take(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], None]:
         state, held = carry
-        if steps.breaks is not None:
-            state = model.lose(at, number * h, state, held, whole_at(number - 1), whole_at(number))
         state = model.step(at, number * h, h, state, held, whole_at(number))
+        if steps.breaks is not None:
+            state = model.lose(at, (number + 1) * h, state, held, whole_at(number), whole_at(number + 1))
         if steps.ratio:
             t, due = (number + 1) * h, (number + 1) % steps.ratio == 0
-            again = lambda pair: model.sample(at, t, pair[0], pair[1], whole_at(number))  # noqa: E731
+            again = lambda pair: model.sample(at, t, pair[0], pair[1], whole_at(number + 1))  # noqa: E731
             state, held = jax.lax.cond(due, again, lambda pair: pair, (state, held))
         return (state, held), None
 
@@ -65,7 +65,7 @@ def fixed_steps(
     def row(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], Observed]:
         carry, _ = jax.lax.scan(take, carry, number + jnp.arange(steps.stride))
         last = number + steps.stride
-        return carry, model.evaluate(at, last * h, *carry, whole_at(last - 1))[1]
+        return carry, model.evaluate(at, last * h, *carry, whole_at(last))[1]
 
     numbers = first + steps.stride * jnp.arange(rows)
     (state, held), observed = jax.lax.scan(row, (state, held), numbers)
@@ -105,10 +105,9 @@ def controlled_steps(
     return last, observed, took
 
 
-def first_row(model: Model, at: Prepared, state: State, held: Held, t: float = 0.0) -> Observed:
-    """What is observed at the start, with times first."""
-    observed = model.evaluate(at, t, state, held, model.whole)[1]
-    return jax.tree.map(lambda x: x[None], observed)
+def one_row(model: Model, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> Observed:
+    """What is observed at one time, with times first."""
+    return jax.tree.map(lambda x: x[None], model.evaluate(at, t, state, held, whole)[1])
 
 
 def joined(parts: list[Observed]) -> Observed:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +21,11 @@ from tensegrity_mj.engines.jax.integrate import (
     Steps,
     break_steps,
     controlled_steps,
-    first_row,
     fixed_steps,
     joined,
+    one_row,
 )
+from tensegrity_mj.engines.jax.laws import array_law
 from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, State
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -46,15 +47,13 @@ class Program:
 
     def __init__(self, engine: JAX, request: Request, times: Array | None = None) -> None:
         scene, self.engine, self.request = request.scene, engine, request
-        law = None
-        if request.law.own is not None:
-            from tensegrity_mj.engines.jax.laws import array_law
-
-            law = array_law(request.law.own, scene.structure)
+        own = request.law.own
+        law = None if own is None else array_law(own, scene.structure)
         self.law = law
         self._model = Model(scene, array_effects(scene), law, request.actuation, engine.spread)
         self.parameters = self._model.parameters
         breaks = scene.break_times
+        self.segments: list[Segment] = []
         if engine.timestep is not None:
             grid = Grid.of(request, engine.timestep)
             self.times, self.grid = grid.times, grid
@@ -66,21 +65,18 @@ class Program:
             times = np.minimum(interval * np.arange(count + 1), request.duration)
         self.times = times
         ends = sorted({t for t in breaks.tolist() if 0 < t < times[-1]} | {float(times[-1])})
-        # Segments between breaks: their times, the start among them, and which strings are whole.
-        self.segments: list[tuple[Array, Array, int]] = []
         start = 0.0
         for end in ends:
-            inside = times[(times > start) & (times <= end)]
-            ends_there = bool(len(inside)) and inside[-1] == end
-            grid_times = np.concatenate([[start], inside, [] if ends_there else [end]])
-            self.segments.append((grid_times, (breaks > start).astype(float), len(inside)))
+            inside = times[(times > start) & ((times < end) | (times == times[-1]) & (end == times[-1]))]
+            whole = np.unique(np.concatenate([[start], inside, [end]]))
+            self.segments.append(Segment(whole, (breaks > start).astype(float), bool(start in times), len(inside)))
             start = end
 
     def run(self, parameters: Any) -> Observed:
         """A run, with times first, as a function to be compiled and differentiated: (T, N, 3) nodes and so on."""
         model, at = self._model, self._model.prepare(parameters)
         state, held = model.start(at)
-        parts = [first_row(model, at, state, held)] if self.times[0] == 0 else []
+        parts = [] if self.segments else [one_row(model, at, 0.0, state, held, model.whole)]
         if self.engine.timestep is not None:
             count, rest = divmod(self.grid.count, self.grid.stride)
             state, held, rows = fixed_steps(model, at, state, held, 0, count, self.steps)
@@ -90,15 +86,21 @@ class Program:
                 parts.append(fixed_steps(model, at, state, held, self.grid.count - rest, 1, last)[2])
             return joined(parts)
         previous = model.whole
-        for times, whole, count in self.segments:
-            state = self._broken(at, times[0], state, held, previous, whole)
+        for times, whole, begins, count in self.segments:
+            state, rows = self._entered(at, times[0], state, held, previous, whole)
+            parts += [rows] if begins else []
             state, rows, took = controlled_steps(model, at, state, held, times, whole, self.engine.tolerances)
             failed, previous = took["failed"], whole
             parts.append(jax.tree.map(lambda x, n=count, failed=failed: jnp.where(failed, jnp.nan, x[:n]), rows))
         return joined(parts)
 
-    def _broken(self, at: Prepared, t: Any, state: State, held: Held, before: Array, whole: Array) -> State:
-        return state if np.array_equal(before, whole) else self._model.lose(at, t, state, held, before, whole)
+    def _entered(
+        self, at: Prepared, t: Any, state: State, held: Held, before: Array, whole: Array
+    ) -> tuple[State, Observed]:
+        """The state at the start of a segment, without the energy of what broke there, and what is observed there."""
+        if not np.array_equal(before, whole):
+            state = self._model.lose(at, t, state, held, before, whole)
+        return state, one_row(self._model, at, t, state, held, whole)
 
     def accelerations(self) -> Callable[..., tuple[Array, Array]]:
         """See `Accelerations`."""
@@ -157,17 +159,19 @@ class Program:
 
     def _controlled(self) -> tuple[Observed, dict[str, float], bool]:
         model, tolerances = self._model, self.engine.tolerances
-        at, state, held, row = self._begin()
+        at, state, held, _ = self._begin()
         kinds: dict[int, Callable[..., Any]] = {}
-        parts, watch, steps = [row], Watch(), 0
+        parts: list[Any] = []
+        watch, steps = Watch(), 0
 
         def advance(at: Any, state: Any, held: Any, times: Any, whole: Any) -> Any:
             return controlled_steps(model, at, state, held, times, whole, tolerances)
 
         previous, failed = model.whole, False
         with progress(self.request, str(self.engine)) as show:
-            for times, whole, count in self.segments:
-                state = self._broken(at, times[0], state, held, previous, whole)
+            for times, whole, begins, count in self.segments:
+                state, found = self._entered(at, times[0], state, held, previous, whole)
+                parts += [jax.tree.map(np.asarray, found)] if begins else []
                 previous, first = whole, 0
                 for size in pieces(len(times) - 1):
                     wanted = times[first : first + size + 1]
@@ -192,7 +196,7 @@ class Program:
         def begin(p: Any) -> tuple[Prepared, State, Held, Observed]:
             at = model.prepare(p)
             state, held = model.start(at)
-            return at, state, held, first_row(model, at, state, held)
+            return at, state, held, one_row(model, at, 0.0, state, held, model.whole)
 
         at, state, held, row = jax.jit(begin)(self.parameters)
         return at, state, held, jax.tree.map(np.asarray, row)
@@ -205,6 +209,22 @@ def pieces(rows: int) -> list[int]:
     count = next((n for n in range(PIECES, 2 * PIECES) if rows % n == 0), min(rows, PIECES))
     size = -(-rows // count)
     return [size] * (rows // size) + ([rows % size] if rows % size else [])
+
+
+class Segment(NamedTuple):
+    """A part of a run between breaks of strings.
+
+    Attributes:
+        times: [s] its start, those at which it is recorded, its end.
+        whole: (M,) which strings are.
+        begins: whether its start is recorded.
+        kept: how many of the times behind that are.
+    """
+
+    times: Array
+    whole: Array
+    begins: bool
+    kept: int
 
 
 class Watch:
