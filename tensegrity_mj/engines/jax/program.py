@@ -95,11 +95,10 @@ class Program:
         return joined(parts)
 
     def _entered(
-        self, at: Prepared, t: Any, state: State, held: Held, before: Array, whole: Array
+        self, at: Prepared, t: Any, state: State, held: Held, before: Any, whole: Any
     ) -> tuple[State, Observed]:
         """The state at the start of a segment, without the energy of what broke there, and what is observed there."""
-        if not np.array_equal(before, whole):
-            state = self._model.lose(at, t, state, held, before, whole)
+        state = self._model.lose(at, t, state, held, before, whole)
         return state, one_row(self._model, at, t, state, held, whole)
 
     def accelerations(self) -> Callable[..., tuple[Array, Array]]:
@@ -167,10 +166,11 @@ class Program:
         def advance(at: Any, state: Any, held: Any, times: Any, whole: Any) -> Any:
             return controlled_steps(model, at, state, held, times, whole, tolerances)
 
-        previous, failed = model.whole, False
+        enter, previous, failed = jax.jit(self._entered), model.whole, False
         with progress(self.request, str(self.engine)) as show:
             for times, whole, begins, count in self.segments:
-                state, found = self._entered(at, times[0], state, held, previous, whole)
+                with watch.paused():
+                    state, found = enter(at, times[0], state, held, previous, whole)
                 parts += [jax.tree.map(np.asarray, found)] if begins else []
                 previous, first = whole, 0
                 for size in pieces(len(times) - 1):

@@ -1,0 +1,138 @@
+"""Derivatives of runs: against differences, closed forms, and where a damped string comes taut."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+from caught_fall import DEPTH, C, K, caught, slope
+from features import FEATURES, RESISTANCE
+
+import tensegrity_mj as tmj
+
+jax = pytest.importorskip("jax")
+pytest.importorskip("diffrax")
+
+STEP, DURATION = 2e-3, 0.1  # s
+
+
+@functools.cache
+def program(name: str) -> Any:
+    scene = FEATURES[name].scene()
+    if name == "loads":
+        scene = scene.with_(resistance=RESISTANCE)
+    return tmj.JAX(method="rk4", timestep=STEP).model(scene, duration=DURATION, output_interval=0.02)
+
+
+@functools.cache
+def compiled(name: str) -> Any:
+    """A scalar of all that a run records, and its gradient."""
+    model, generator = program(name), np.random.default_rng(7)
+    N, M = model.parameters["nodes"].shape[0], len(model.parameters["rest_lengths"])
+    weights = [generator.standard_normal(shape) for shape in ((6, N, 3), (6, N, 3), (6, M))]
+
+    def scalar(parameters: Any) -> Any:
+        run = model.run(parameters)
+        parts = zip(weights, (run.nodes, 0.1 * run.velocities, 0.01 * run.tensions), strict=True)
+        return sum((weight * part).sum() for weight, part in parts)
+
+    return jax.jit(scalar), jax.jit(jax.grad(scalar))
+
+
+NAMES = ("loads", "bodies")
+GROUPS = ("rest_lengths", "stiffness", "damping", "rod_masses", "point_masses", "gravity", "nodes", "velocities")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_derivatives_are_those_of_differences(name: str) -> None:
+    """Along a direction in all parameters of a group, against fourth-order differences of steps of 3e-4.
+
+    These err by (3e-4)⁴ = 1e-14 of the fifth derivative, and by ε/3e-4 = 7e-13 of the scalar; 1e-9 is required.
+    """
+    model, (scalar, gradient) = program(name), compiled(name)
+    found, generator = gradient(model.parameters), np.random.default_rng(3)
+    groups = [key for key in GROUPS if np.size(model.parameters[key])]
+    for key in groups:
+        value = np.asarray(model.parameters[key])
+        size = 3e-4 * max(float(np.abs(value).max()), 1e-1)
+        direction = generator.uniform(-1, 1, value.shape)
+
+        def moved(steps: float, key: str = key, change: Any = size * direction) -> float:
+            return float(scalar({**model.parameters, key: model.parameters[key] + steps * change}))
+
+        expected = (8 * (moved(1) - moved(-1)) - (moved(2) - moved(-2))) / 12 / size
+        along = float((np.asarray(found[key]) * direction).sum())
+        # What the directions of single parameters add up to, and what the scalar's round-off leaves of differences.
+        scale = float(np.abs(np.asarray(found[key]) * direction).sum()) + 1e-4 * abs(moved(0.0)) / size * 1e-3
+        print(name, key, along, expected, abs(along - expected) / scale)
+        assert abs(along - expected) < 1e-9 * scale
+
+
+def test_forwards_and_backwards_are_the_same() -> None:
+    """The same sums in another order."""
+    model, (scalar, gradient) = program("loads"), compiled("loads")
+    backwards = gradient(model.parameters)["rest_lengths"]
+    rest = model.parameters["rest_lengths"]
+    forwards = jax.jit(jax.jacfwd(lambda rest: scalar({**model.parameters, "rest_lengths": rest})))(rest)
+    np.testing.assert_allclose(backwards, forwards, rtol=1e-11)
+
+
+def test_a_controlled_step_has_the_derivatives_of_an_oscillator() -> None:
+    """m z̈ = k (L - L0) - m g from rest: z(t) = z* + (z0 - z*) cos ω t, whose derivatives are written down."""
+    scene = caught()
+    start = scene.nodes0 - [[0, 0, 0], [0, 0, 0.3]]  # taut: 0.2 m of stretch
+    scene = scene.with_(structure=scene.structure.with_strings(damping=0.0), initial_nodes=start)
+    time = 0.04  # before a quarter of a period, where it goes slack
+    model = tmj.JAX(rtol=1e-12, atol=1e-13).model(scene, times=[0.0, time])
+    found = jax.jit(jax.grad(lambda p: model.run(p).nodes[-1, 1, 2]))(model.parameters)
+    m, g, omega, z0 = 0.5, 9.81, np.sqrt(K / 0.5), -DEPTH - 0.3
+    still = -1.0 - m * g / K
+    cos, sin = np.cos(omega * time), np.sin(omega * time)
+    by_omega = -(z0 - still) * time * sin
+    np.testing.assert_allclose(found["rest_lengths"][0], -(1 - cos), rtol=1e-9)
+    np.testing.assert_allclose(found["nodes"][1, 2], cos, rtol=1e-9)
+    np.testing.assert_allclose(found["velocities"][1, 2], sin / omega, rtol=1e-9)
+    np.testing.assert_allclose(found["stiffness"][0], m * g / K**2 * (1 - cos) + by_omega * omega / (2 * K), rtol=1e-9)
+    np.testing.assert_allclose(found["point_masses"][0], -g / K * (1 - cos) - by_omega * omega / (2 * m), rtol=1e-9)
+
+
+@functools.cache
+def caught_slopes(step: float, window: float) -> tuple[float, float]:
+    """Of the height after 0.184 s, by the start's depth and the damper, with the string taut after 0.143 s."""
+    model = tmj.JAX(method="rk4", timestep=step, window=window).model(caught(), duration=0.184, output_interval=0.184)
+    found = jax.jit(jax.grad(lambda p: model.run(p).nodes[-1, 1, 2]))(model.parameters)
+    return -float(found["nodes"][1, 2]), float(found["damping"][0])
+
+
+def test_the_jump_of_a_damped_string_that_comes_taut_is_in_the_derivatives() -> None:
+    """Against the closed form, as the jump's instant moves with the start.
+
+    Steps of h that are not split at the jump err by h/2 of the jump in time, so the derivative by a term of the first
+    order, (h + w)/T of it with a window of w = 4 h and the oscillation's time T = √(m/k) = 35 ms: 1.4 % at 0.1 ms.
+    """
+    expected = slope(0.184, depth=DEPTH)
+    for step in (4e-4, 1e-4):
+        by_depth, by_damping = caught_slopes(step, 4 * step)
+        print(step, by_depth / expected - 1, by_damping / slope(0.184, damping=C) - 1)
+        assert abs(by_depth / expected - 1) < 5 * step / 0.035
+        assert abs(by_damping / slope(0.184, damping=C) - 1) < 5 * step / 0.035
+
+
+def test_without_the_jump_they_are_wrong_at_every_step_and_small_differences_agree_with_them() -> None:
+    expected = slope(0.184, depth=DEPTH)
+    for step in (4e-4, 1e-4):
+        assert abs(caught_slopes(step, 0.0)[0] / expected - 1) > 0.1
+    scene = caught()
+    model = tmj.JAX(method="rk4", timestep=4e-4, window=0.0).model(scene, duration=0.184, output_interval=0.184)
+    height = jax.jit(lambda p: model.run(p).nodes[-1, 1, 2])
+    nodes = model.parameters["nodes"]
+
+    def moved(h: float) -> float:
+        return float(height({**model.parameters, "nodes": nodes + np.array([[0, 0, 0], [0, 0, -h]])}))
+
+    small = (moved(1e-8) - moved(-1e-8)) / 2e-8
+    assert abs(small / caught_slopes(4e-4, 0.0)[0] - 1) < 1e-5
+    wide = (moved(5e-3) - moved(-5e-3)) / 1e-2  # over many steps: what the jump's term is of
+    assert abs(wide / expected - 1) < 0.05
