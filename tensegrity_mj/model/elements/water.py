@@ -116,6 +116,7 @@ class Water(Element):
     adds_mass = True
     vectorized = True
     compiled = "tensegrity_mj.dynamics.native.water:pack_water"
+    arrays = "tensegrity_mj.engines.jax.water:water"
     label = "water"
 
     @property
