@@ -30,6 +30,8 @@ from tensegrity_mj.model.capabilities import (
     ELASTIC_CONTACT,
     ELASTIC_HELD_BETWEEN,
     ELASTIC_JOINED,
+    ELEMENT_STATES,
+    FUNCTION_LOADS,
     FUNCTION_MOTIONS,
     JOINED_CONTACT,
     NO_ARRAYS,
@@ -192,6 +194,8 @@ ENGINES = {
         (
             _NO_CONTACT,
             Limit(NO_ARRAYS, "it acts by functions of arrays, which JAX compiles and differentiates", "leave it out"),
+            Limit(ELEMENT_STATES, "array functions are of positions, velocities and time alone", "leave it out"),
+            Limit(FUNCTION_LOADS, "JAX cannot look into a Python function", "give them as `Load`s, or as an element"),
             Limit(FUNCTION_MOTIONS, "JAX cannot look into a Python function", "give it as harmonics or data"),
             Limit(YIELDING, "its memory is that of steps, and no function of the state", "leave yields out"),
         ),

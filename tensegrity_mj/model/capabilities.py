@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.errors import SceneError, StructureError, TensegrityError
+from tensegrity_mj.errors import OptionError, SceneError, StructureError, TensegrityError
 
 if TYPE_CHECKING:  # the table of engines is read for --help, which loads neither numpy nor a scene
     from tensegrity_mj.model.scene import Scene
@@ -194,6 +194,16 @@ def refusal(engine: Any, scene: Scene) -> tuple[Limit, str, str] | None:
         if (setting or limit.setting is None) and (found := limit.trait.find(scene)):
             return limit, found, setting
     return None
+
+
+def require_rest_lengths(structure: Structure) -> None:
+    """Raise OptionError where a law has a string of constant force to command."""
+    for string in structure.strings:
+        if string.is_constant:
+            raise OptionError(
+                f"string '{string.name}' pulls with a constant force at any length (stiffness = 0), and a law sets "
+                "rest lengths: give it a stiffness, or make it a load"
+            )
 
 
 def require_rigid(structure: Structure, who: str) -> None:

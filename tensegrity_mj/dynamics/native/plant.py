@@ -30,8 +30,9 @@ from tensegrity_mj.dynamics.native.plant_view import (
 )
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
 from tensegrity_mj.dynamics.native.views import Fields, Table
-from tensegrity_mj.errors import ControllerError, OptionError
+from tensegrity_mj.errors import ControllerError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.capabilities import require_rest_lengths
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -68,16 +69,6 @@ def break_times(scene: Scene) -> Array:
     """When each string breaks (M,) [s], ∞ for never."""
     times = {event.string: event.time for event in scene.breaks}
     return np.array([times.get(string.name, np.inf) for string in scene.structure.strings], float)
-
-
-def _require_rest_lengths(structure: Structure) -> None:
-    """Raise OptionError where a law has a string of constant force to command."""
-    for string in structure.strings:
-        if string.is_constant:
-            raise OptionError(
-                f"string '{string.name}' pulls with a constant force at any length (stiffness = 0), and a law sets "
-                "rest lengths: give it a stiffness, or make it a load"
-            )
 
 
 def _packed_curves(structure: Structure) -> dict[str, Any]:
@@ -120,7 +111,7 @@ class Plant(Table):
         super().__init__("plant", fields)
         structure = scene.structure
         if law.address:
-            _require_rest_lengths(structure)
+            require_rest_lengths(structure)
         N, M, m = len(structure.nodes), len(structure.strings), len(scene.motions)
         self.scene, self.law, self.motions = scene, law, PackedMotions(scene.motions)
         self.set(

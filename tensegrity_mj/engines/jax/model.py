@@ -128,25 +128,32 @@ class Model:
         return (len(self.structure.strings), *works.shape[1:])
 
     def _command(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any) -> tuple[Any, Any]:
-        """The law's rest lengths (M, ...) within its limits, and its report."""
+        """The law's command (M, ...) within its limits, and its report."""
         assert self.law is not None
-        command, report = self.law.command(at.parameters["law"], t, x, v)
+        p = at.parameters
+        command, report = self.law.command(p["law"], t, x, v)
         if self.limited:
             most, least = (lifted(self.limits[name], lengths) for name in ("max_force_density", "min_rest_length"))
+            # Of no limit no bound is found: its derivative by the lengths would be 0 · ∞.
+            has_most, has_least = jnp.isfinite(most), jnp.isfinite(least)
             if self.law.returns_lengths:
-                shortest = self.strings.rest_lengths(at.parameters, lengths, most)
-                command = jnp.maximum(jnp.maximum(command, least), shortest)
+                shortest = self.strings.rest_lengths(p, lengths, jnp.where(has_most, most, 0.0))
+                command = jnp.maximum(jnp.maximum(command, least), jnp.where(has_most, shortest, -jnp.inf))
             else:
-                k = lifted(at.parameters["stiffness"], lengths)
-                command = jnp.minimum(jnp.minimum(command, most), k * (1 - least / lengths))
-        if not self.law.returns_lengths:
-            command = self.strings.rest_lengths(at.parameters, lengths, command)
+                largest = lifted(p["stiffness"], lengths) * (1 - jnp.where(has_least, least, 0.0) / lengths)
+                command = jnp.minimum(jnp.minimum(command, most), jnp.where(has_least, largest, jnp.inf))
         return command, jnp.broadcast_to(lifted(report, lengths), (REPORTS, *lengths.shape[1:]))
+
+    def _as_lengths(self, at: Prepared, lengths: Any, command: Any) -> Any:
+        """A command as rest lengths (M, ...)."""
+        assert self.law is not None
+        return command if self.law.returns_lengths else self.strings.rest_lengths(at.parameters, lengths, command)
 
     def _rest(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any, held: Held) -> tuple[Any, Any]:
         """Rest lengths (M, ...) now, and the report of the law."""
         if self.mode is Mode.CONTINUOUS:
-            return self._command(at, t, x, v, lengths)
+            command, report = self._command(at, t, x, v, lengths)
+            return self._as_lengths(at, lengths, command), report
         if self.mode is Mode.HOLD_FORCE_DENSITY:
             return self.strings.rest_lengths(at.parameters, lengths, held.command), held.report
         return held.command, held.report
@@ -158,12 +165,12 @@ class Model:
         x, v, _ = self._nodes(t, state)
         lengths = self.strings.measure(x, v)[0]
         before = held.command if first else self._rest(at, t, x, v, lengths, held)[0]
-        rest, report = self._command(at, t, x, v, lengths)
+        command, report = self._command(at, t, x, v, lengths)
+        rest = self._as_lengths(at, lengths, command)
         if self.mode is Mode.HOLD_REST_LENGTH:
             reach = lifted(self.reach, rest)
-            rest = jnp.clip(rest, before - reach, before + reach)
-            command = rest
-        else:
+            command = rest = jnp.clip(rest, before - reach, before + reach)
+        elif self.law is not None and self.law.returns_lengths:
             command = self.strings.densities(at.parameters, lengths, rest)
         held = Held(command, report)
         if first:

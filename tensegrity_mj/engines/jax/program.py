@@ -28,6 +28,7 @@ from tensegrity_mj.engines.jax.integrate import (
 from tensegrity_mj.engines.jax.laws import array_law
 from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, State
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.model.capabilities import require_rest_lengths
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class Program:
     def __init__(self, engine: JAX, request: Request, times: Array | None = None) -> None:
         scene, self.engine, self.request = request.scene, engine, request
         own = request.law.own
+        if own is not None:
+            require_rest_lengths(scene.structure)
         law = None if own is None else array_law(own, scene.structure)
         self.law = law
         self._model = Model(scene, array_effects(scene), law, request.actuation, engine.spread)
