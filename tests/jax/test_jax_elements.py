@@ -23,7 +23,8 @@ from pages import ROOT
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import ArrayEffect
 from tensegrity_mj.engines.jax.effects import array_effects
-from tensegrity_mj.errors import ElementError
+from tensegrity_mj.engines.jax.engine import JAX
+from tensegrity_mj.errors import ElementError, SceneError
 from tensegrity_mj.model.capabilities import FUNCTION_LOADS, FUNCTION_MOTIONS, NO_ARRAYS
 
 
@@ -104,6 +105,36 @@ def test_functions_in_python_are_traits_of_a_scene(prism: tmj.Scene) -> None:
     )
     moved = tmj.Scene(structure, motions=(tmj.model.Motion.by_function("p", lambda t: np.zeros((3, 3))),))
     assert FUNCTION_MOTIONS.find(moved) == "the motion of 'p' is a Python function"
+
+
+@dataclass(frozen=True)
+class Lagging(Pull):
+    """One with a state, too."""
+
+    def state0(self, scene: Any) -> Any:
+        return np.zeros(1)
+
+    def rates(self, scene: Any, time: float, nodes: Any, velocities: Any, state: Any) -> Any:
+        return -state
+
+    def act(self, scene: Any, time: float, nodes: Any, velocities: Any, state: Any) -> Any:
+        return state + np.zeros_like(nodes)
+
+
+def test_the_engine_refuses_what_is_no_array_function_by_name() -> None:
+    scene = tethered(())
+    moved = tmj.model.Motion.by_function(scene.structure.fixed_nodes[0], lambda t: np.zeros((3, 3)))
+    for given, message in (
+        (
+            {"elements": (GroundSpring("a", 12.0),)},
+            "JAX: GroundSpring has no array function .*use MuJoCo or DAE or ODE",
+        ),
+        ({"elements": (Lagging((1.0, 0.0, 0.0)),)}, r"JAX: Lagging has a state \(state0\)"),
+        ({"loads": lambda t: np.zeros((4, 3))}, "JAX: the loads of scene '.*' are a Python function.*`Load`s"),
+        ({"motions": (moved,)}, f"JAX: the motion of '{moved.support}' is a Python function"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            tmj.simulate(scene.with_(**given), engine=JAX(), duration=0.1)
 
 
 def test_the_element_of_the_docs_is_the_same_as_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,7 +30,7 @@ class ArrayEffect:
         force: (p, t, x, v) -> (N, 3, ...) [N], of what has no potential.
         given: (p, t, x, v) -> (...) [W], of what loses its work in surroundings that move: what these give.
         alpha: (p, t, x) -> (R, 2, 2, ...) [kg], added mass as `Element.alpha`.
-        gives: whether the work of `force` is external; else it is lost.
+        gives: whether the work of `force` is external; else it is lost. By `Element.work`, see `array_effects`.
     """
 
     parameters: Arrays = field(default_factory=dict)
