@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -14,33 +13,16 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.studies.tasks import World, task_of
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-@pytest.fixture
-def example(monkeypatch: pytest.MonkeyPatch) -> object:
-    """Imports an example by its name."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-
-    def read(name: str) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, name, module)
-        spec.loader.exec_module(module)
-        return module
-
-    return read
-
 
 @pytest.mark.parametrize("name", ["PrismReach", "SpineReach"])
-def test_lqr_reaches_what_standing_still_does_not(name: str, example: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lqr_reaches_what_standing_still_does_not(
+    name: str, example: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What is left at the end is what the linear model does not know: of goals up to 85 mm away, for members of some
 
     0.2 m, parts of the square of that, 0.2.
     """
-    baselines = example("baselines")  # type: ignore[operator]
+    baselines = example("baselines")
     monkeypatch.setattr(baselines, "SEEDS", range(1000, 1003))
     task = task_of(name)
     long, short = (replace(task, steps=steps) for steps in (60, 50))
@@ -51,9 +33,9 @@ def test_lqr_reaches_what_standing_still_does_not(name: str, example: object, mo
     assert np.all(last["LQR"] < 0.2 * last["stands"])
 
 
-def test_a_learned_policy_is_the_same_as_a_law(example: object, tmp_path: Path) -> None:
+def test_a_learned_policy_is_the_same_as_a_law(example: Callable[[str], ModuleType], tmp_path: Path) -> None:
     """Round-off alone is between them: the same commands are held for the same time, by the same engine."""
-    learned = example("learn_to_roll")  # type: ignore[operator]
+    learned = example("learn_to_roll")
     task = replace(task_of("SixBarRoll"), start=None)
     generator, sizes = np.random.default_rng(4), (72, 8, 5)
     weights = {"mean": np.zeros(72), "variance": np.full(72, 0.1), "layers": 2}
