@@ -45,8 +45,7 @@ def problem(model: Any, names: str, start: Any, times: Array, values: Array, sig
     unknowns = Unknowns(None, tuple(names.split()), (False,) * len(first), first, -free, free, prior)  # type: ignore[arg-type]
     zeros, at = np.zeros(len(times), int), np.arange(len(times))
     size = np.full(len(times), sigma or 1.0)
-    none = np.zeros((0, 0))
-    seen = Observation(times, ("x",), ("m",), values, size, sigma is not None, zeros, at, zeros, none, none)
+    seen = Observation(times, ("x",), ("m",), values, size, sigma is not None, zeros, at, zeros)
     return Problem(model, unknowns, seen)
 
 

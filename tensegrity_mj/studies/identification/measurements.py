@@ -81,7 +81,6 @@ class Observation:
         values, sigma: (n,), and the noise's standard deviations; ones where these are not `known`.
         series, rows: (n,) the series and the time of each.
         columns: (n,) of the table of nodes, lengths and tensions that `seen` makes.
-        parts, shares: (M, S) which strings sum up to a length, and to the mean tension of a string with mass.
     """
 
     times: Array
@@ -93,8 +92,6 @@ class Observation:
     series: IntArray
     rows: IntArray
     columns: IntArray
-    parts: Array
-    shares: Array
 
     @classmethod
     def of(cls, structure: Structure, given: Any) -> Observation:
@@ -106,7 +103,7 @@ class Observation:
         """
         several = isinstance(given, Iterable) and not isinstance(given, (str, Measured))
         sources = [one if isinstance(one, Measured) else measured(one) for one in (given if several else [given])]
-        strings, parts, shares = _strings(structure)
+        strings = [string.name for string in structure.strings]
         begins = {"nodes": 0, "lengths": 3 * len(structure.nodes), "tensions": 3 * len(structure.nodes) + len(strings)}
         names: list[tuple[str, str]] = []
         pieces, known = [], set()
@@ -133,22 +130,10 @@ class Observation:
         if times[0] < 0 or times[-1] == 0:
             raise OptionError(f"measurements are from {times[0]:g} to {times[-1]:g} s; runs begin at 0 s")
         labels, units = zip(*names, strict=True)
-        whole = (series.astype(int), rows, columns.astype(int))
-        return cls(times, labels, units, values, sizes, next(iter(known))[0], *whole, parts, shares)
+        places = (series.astype(int), rows, columns.astype(int))
+        return cls(times, labels, units, values, sizes, next(iter(known))[0], *places)
 
     def seen(self, nodes: Any, lengths: Any, tensions: Any) -> Any:
         """(n,) in a run at `times`: of nodes (T, N, 3), lengths and tensions (T, M), in arrays of NumPy or JAX."""
-        columns = [nodes.reshape(len(self.times), -1), lengths @ self.parts, tensions @ self.shares]
+        columns = [nodes.reshape(len(self.times), -1), lengths, tensions]
         return nodes.__array_namespace__().concatenate(columns, axis=1)[self.rows, self.columns]
-
-
-def _strings(structure: Structure) -> tuple[list[str], Array, Array]:
-    """The names of strings, those with mass after their parts, and what of each string they have: lengths, tensions."""
-    names = [string.name for string in structure.strings]
-    parts = np.eye(len(names), len(names) + len(structure.ropes))
-    shares = parts.copy()
-    for place, rope in enumerate(structure.ropes, len(names)):
-        first = names.index(rope.parts[0].name)
-        parts[first : first + len(rope.parts), place] = 1.0
-        shares[first : first + len(rope.parts), place] = rope.shares
-    return [*names, *(rope.string.name for rope in structure.ropes)], parts, shares

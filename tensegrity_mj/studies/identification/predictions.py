@@ -3,10 +3,9 @@ by central differences of any other."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,9 +21,8 @@ from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameter_values import parts_of
-from tensegrity_mj.studies.plain import digest
 from tensegrity_mj.studies.scene_parameters import MEMBERS
-from tensegrity_mj.studies.store import FILES, Store
+from tensegrity_mj.studies.store import Store
 
 STEP = 1e-4  # of a parameter's size: differences are wrong by 1e-8 by their step, and by 1e-6 where runs are by 1e-10
 FINEST = 1e-3  # s between samples of an engine that chooses its steps, where times of measurements are not regular
@@ -42,8 +40,8 @@ class Predictions(Protocol):
 
     noise: float
 
-    def predict(self, values: Array) -> Array: ...
-    def jacobian(self, values: Array) -> Array: ...
+    predict: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,32 +108,18 @@ def differences(
     """Central differences (n, P) of a function of parameters (P,); at a bound, one-sided.
 
     Args:
-        pattern: (n, P) ones where the function changes with a parameter, else zeros; parameters that change nothing in
-            common are then changed at once.
+        pattern: (n, P) ones where the function changes with a parameter, else zeros: where no two change the same, all
+            are changed at once.
     """
-    groups = [[place] for place in range(len(values))] if pattern is None else _apart(pattern)
-    found, step = [np.zeros(0)] * len(values), STEP * unknowns.sizes
-    for group in groups:
-        steps = np.where(np.isin(np.arange(len(values)), group), step, 0.0)
+    places = np.arange(len(values))
+    apart = pattern is not None and pattern.sum(axis=1).max() <= 1
+    found, step = [], STEP * unknowns.sizes
+    for group in [places] if apart else places[:, None]:
+        steps = np.where(np.isin(places, group), step, 0.0)
         low, high = (np.clip(values + one, unknowns.low, unknowns.high) for one in (-steps, steps))
         change = function(high) - function(low)
-        for place in group:
-            slope = change / (high[place] - low[place])
-            found[place] = slope if pattern is None else slope * pattern[:, place]
+        found += [change * (1.0 if pattern is None else pattern[:, one]) / (high[one] - low[one]) for one in group]
     return np.stack(found, axis=1)
-
-
-def _apart(pattern: Array) -> list[list[int]]:
-    """Columns in groups, within which no two have ones in the same row."""
-    groups: list[list[int]] = []
-    for place in range(pattern.shape[1]):
-        fits = (one for one in groups if not np.any(pattern[:, one].any(axis=1) & (pattern[:, place] > 0)))
-        group = next(fits, None)
-        if group is None:
-            groups.append([place])
-        else:
-            group.append(place)
-    return groups
 
 
 class Differentiated:
@@ -210,21 +194,10 @@ class Kept:
     """Predictions of which those that a study's folder has are read there, and all others are kept."""
 
     def __init__(self, of: Predictions, store: Store) -> None:
-        self._of, self._store, self.noise = of, store, of.noise
+        self.noise = of.noise
 
-    def predict(self, values: Array) -> Array:
-        """As it was kept, or computed."""
-        return self._kept("predict", values)
+        def kept(what: str, values: Array) -> Array:
+            point = {what: values.tolist()}
+            return np.array(store.once(point, lambda: {"found": getattr(of, what)(values)})["found"])
 
-    def jacobian(self, values: Array) -> Array:
-        """As it was kept, or computed."""
-        return self._kept("jacobian", values)
-
-    def _kept(self, what: str, values: Array) -> Array:
-        key = digest({"what": what, "values": values})
-        path = self._store.folder / FILES / f"{key}.npy"
-        if key not in self._store.outcomes:
-            content = io.BytesIO()
-            np.save(content, getattr(self._of, what)(values))
-            self._store.add(key, {"what": what}, {path.name: content.getvalue()})
-        return np.load(path)
+        self.predict, self.jacobian = partial(kept, "predict"), partial(kept, "jacobian")
