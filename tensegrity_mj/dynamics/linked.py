@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, pl
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import Table, view_of
-from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
+from tensegrity_mj.dynamics.records import POINT, ROD, MemberRecords, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
@@ -61,23 +60,18 @@ Linked, _pack_linked = view_of(
 
 
 @dataclass(frozen=True, eq=False)
-class LinkedRecords:
+class LinkedRecords(MemberRecords):
     """Rods of any class, point masses and moved supports as records.
 
     Attributes:
-        structure: what they are of.
         forest: see `joints`.
-        rods, links, points: record arrays of `ROD`, `LINK` and `POINT`.
-        nq: number of coordinates; `rod_coordinates` of them are the rods'.
+        links: record array of `LINK`.
+        rod_coordinates: how many of q are the rods'.
         table: a `Linked`; its `motions` are written before each use, `gaps` by `place_linked`.
     """
 
-    structure: Structure
     forest: Forest
-    rods: Records
     links: Records
-    points: Records
-    nq: int
     rod_coordinates: int
     table: Table
 
@@ -127,41 +121,12 @@ class LinkedRecords:
             motions=np.zeros((len(motions), 3, 3)) if moved is None else moved,
         )
         nq = offset + int(points["nz"].sum())
-        return cls(structure, forest, rods, links, points, nq, offset, table)
+        return cls(structure, rods, points, nq, forest, links, offset, table)
 
-    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
-        return self.coordinates(nodes), self.coordinates(velocities)
-
-    def coordinates(self, nodes: Array) -> Array:
-        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
-        q, rods = np.zeros(self.nq), self.rods
-        first, second = nodes[rods["i"]], nodes[rods["j"]]
-        sigma = rods["sigma"][:, None]
-        rows, columns, places = self._translations
-        q[places] = np.einsum("rki,rk->ri", rods["E"], (1 - sigma) * first + sigma * second)[rows, columns]
-        rows, columns, places = self._rotations
-        q[places] = np.einsum("rki,rk->ri", rods["B"], (second - first) / rods["length"][:, None])[rows, columns]
-        for point in self.points:
-            nz, start = int(point["nz"]), int(point["q"])
-            q[start : start + nz] = point["E"][:, :nz].T @ nodes[int(point["node"])]
-        return q
-
-    @cached_property
-    def _translations(self) -> IntArray:
-        """(3, n): rod, component, and place in q of every z of the rods."""
-        return self._numbered(self.links["nz"], 0 * self.links["nz"])
-
-    @cached_property
-    def _rotations(self) -> IntArray:
-        """(3, n): the same of every component of b."""
-        return self._numbered(self.rods["nb"][self.links["rod"]], self.links["nz"])
-
-    def _numbered(self, counts: IntArray, before: IntArray) -> IntArray:
-        """As above, of so many coordinates of each link, which stand behind so many."""
-        rows, k = np.nonzero(np.arange(3) < counts[:, None])
-        rods = self.links["rod"][rows]
-        return np.stack([rods, k, self.rods["q"][rods] + before[rows] + k])
+    @property
+    def translations(self) -> IntArray:
+        """(R,): those of the roots; other rods have none of their own."""
+        return np.where(self.forest.parent < 0, self.rods["nz"], 0)
 
     def place(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Node positions and velocities (N, 3) of q and q̇ (nq,), with the motions as they are now."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.capabilities import require_class_1
 from tensegrity_mj.model.rods import centers_and_moments, inertia_terms
 from tensegrity_mj.model.structure import Structure
@@ -93,18 +93,48 @@ def point_records(structure: Structure, offset: int) -> Records:
 
 
 @dataclass(frozen=True, eq=False)
-class StructureRecords:
-    """Rods and point masses of a structure of class 1 as records, with the size of q.
+class MemberRecords:
+    """Rods and point masses of a structure as records, with their coordinates q: (z, b) of each rod, z of each point.
 
     Attributes:
+        structure: what they are of.
         rods, points: record arrays of `ROD` and `POINT`.
-        nq: number of coordinates q of the thesis' model (2.91); b counts three (two in a plane).
+        nq: number of coordinates; b counts three (two in a plane).
     """
 
     structure: Structure
     rods: Records
     points: Records
     nq: int
+
+    @property
+    def translations(self) -> IntArray:
+        """(R,): how many z of each rod are in q."""
+        return self.rods["nz"]
+
+    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
+        return self.coordinates(nodes), self.coordinates(velocities)
+
+    def coordinates(self, nodes: Array) -> Array:
+        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
+        rods, points, nz = self.rods, self.points, self.translations
+        first, second, sigma = nodes[rods["i"]], nodes[rods["j"]], rods["sigma"][:, None]
+        q = np.zeros(self.nq + 1)  # the last for what a basis has no direction for
+        for bases, vectors, start, count in (
+            (rods["E"], (1 - sigma) * first + sigma * second, rods["q"], nz),
+            (rods["B"], (second - first) / rods["length"][:, None], rods["q"] + nz, rods["nb"]),
+            (points["E"], nodes[points["node"]], points["q"], points["nz"]),
+        ):
+            k = np.arange(3)
+            places = np.where(k < count[:, None], start[:, None] + k, self.nq)
+            q[places] = (vectors[:, None] @ bases)[:, 0]
+        return q[: self.nq]
+
+
+@dataclass(frozen=True, eq=False)
+class StructureRecords(MemberRecords):
+    """Those of a structure of class 1, where every rod has z of its own: nq is that of the thesis' model (2.91)."""
 
     @classmethod
     def of(cls, structure: Structure) -> StructureRecords:
@@ -115,13 +145,10 @@ class StructureRecords:
         """
         require_class_1(structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
         rods = rod_records(structure)
-        offset = 0
-        for record in rods:
-            record["q"] = offset
-            offset += int(record["nz"] + record["nb"])
-        points = point_records(structure, offset)
-        offset += int(points["nz"].sum())
-        return cls(structure, rods, points, offset)
+        sizes = rods["nz"] + rods["nb"]
+        rods["q"] = np.cumsum(sizes) - sizes
+        points = point_records(structure, int(sizes.sum()))
+        return cls(structure, rods, points, int(sizes.sum() + points["nz"].sum()))
 
     @cached_property
     def affine_map(self) -> tuple[Array, Array]:
@@ -145,24 +172,6 @@ class StructureRecords:
             phi[rows, point["q"] : point["q"] + point["nz"]] = point["E"][:, : point["nz"]]
             y[rows] = point["anchor"]
         return phi, y
-
-    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
-        return self.coordinates(nodes), self.coordinates(velocities)
-
-    def coordinates(self, nodes: Array) -> Array:
-        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to the anchors."""
-        q = np.zeros(self.nq)
-        for rod in self.rods:
-            i, j, nz, nb, start = (int(rod[key]) for key in ("i", "j", "nz", "nb", "q"))
-            r = (1 - rod["sigma"]) * nodes[i] + rod["sigma"] * nodes[j]
-            b = (nodes[j] - nodes[i]) / rod["length"]
-            q[start : start + nz] = rod["E"][:, :nz].T @ r
-            q[start + nz : start + nz + nb] = rod["B"][:, :nb].T @ b
-        for point in self.points:
-            nz, start = int(point["nz"]), int(point["q"])
-            q[start : start + nz] = point["E"][:, :nz].T @ nodes[int(point["node"])]
-        return q
 
     def node_accelerations(self, accelerations: Array) -> Array:
         """Φ q̈ (N, 3) [m/s²] of q̈ (nq,)."""
