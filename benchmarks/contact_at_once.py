@@ -30,7 +30,7 @@ class Measure:
         self.scene, self.engine, self.robots, self.threads, self.steps = scene, engine, robots, threads, steps
         self.model, structure = engine.model(scene), scene.structure
         springs = np.column_stack([structure.stiffness, structure.rest_lengths]).ravel()
-        self.law = tmj.CompiledLaw(passive, structure, parameters=springs)
+        self.law = tmj.controllers.CompiledLaw(passive, structure, parameters=springs)
 
     def rates(self) -> dict[str, float]:
         """Steps a second of all robots, each."""

@@ -20,5 +20,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.controllers.replay import Replay as Replay
     from tensegrity_mj.controllers.scenes import from_scene as from_scene
     from tensegrity_mj.controllers.table import LAWS as LAWS
+    from tensegrity_mj.dynamics.native.compiled_law import CompiledLaw as CompiledLaw
 else:
     __getattr__, __dir__ = face(__name__)

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from tensegrity_mj import runs as runs
     from tensegrity_mj import statics as statics
     from tensegrity_mj import studies as studies
+    from tensegrity_mj.calls import identify as identify
     from tensegrity_mj.calls import law_in as law_in
     from tensegrity_mj.calls import linearize as linearize
     from tensegrity_mj.calls import simulate as simulate
     from tensegrity_mj.calls import simulate_many as simulate_many
     from tensegrity_mj.calls import stable_step as stable_step
-    from tensegrity_mj.dynamics.native.compiled_law import CompiledLaw as CompiledLaw
     from tensegrity_mj.dynamics.native.law import Command as Command
     from tensegrity_mj.engines.jax.engine import JAX as JAX
     from tensegrity_mj.engines.mujoco.engine import MuJoCo as MuJoCo
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance
     from tensegrity_mj.model.elements.water import Water as Water
-    from tensegrity_mj.model.elements.waves import Wave as Wave
     from tensegrity_mj.model.members import PointMass as PointMass
     from tensegrity_mj.model.members import Rod as Rod
     from tensegrity_mj.model.members import String as String

@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, ParamSpec, TypeVar
 
@@ -33,6 +33,9 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.studies import ensemble
+from tensegrity_mj.studies.identification import result as identification
+from tensegrity_mj.studies.identification.fitting import FitOptions
+from tensegrity_mj.studies.identification.unknowns import Parameter
 from tensegrity_mj.vibration import stable_step as stable_steps
 
 P = ParamSpec("P")
@@ -182,6 +185,22 @@ def simulate_many(
     progress: bool = False,
     **engine_options: Any,
 ) -> ensemble.Ensemble:
+    raise NotImplementedError
+
+
+@with_texts(identification.identify)
+def identify(
+    scene: AnyScene,
+    measurements: Any,
+    parameters: Iterable[Parameter | str],
+    engine: Any = None,
+    *,
+    law: AnyLaw = None,
+    options: FitOptions | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    progress: bool = False,
+    **engine_options: Any,
+) -> identification.Identification:
     raise NotImplementedError
 
 

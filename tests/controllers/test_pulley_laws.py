@@ -144,12 +144,12 @@ def test_a_compiled_law_gets_the_segments_of_paths() -> None:
         return True
 
     scene = hoist(True)
-    law = tmj.CompiledLaw(pull, scene.structure, parameters=[11.0])
+    law = tmj.controllers.CompiledLaw(pull, scene.structure, parameters=[11.0])
     run = tmj.simulate(scene, law, tmj.MuJoCo(1e-3), duration=0.05)
     np.testing.assert_allclose(run.tensions, 11.0, rtol=1e-12)
     assert law(0.0, scene.nodes0, scene.velocities0) == pytest.approx([11.0 / (2 * math.hypot(0.5, 1.0))])
     with pytest.raises(tmj.errors.OptionError, match="numba cannot compile"):
-        tmj.CompiledLaw(of_pairs, scene.structure)
+        tmj.controllers.CompiledLaw(of_pairs, scene.structure)
 
 
 def test_laws_are_made_for_the_same_paths() -> None:

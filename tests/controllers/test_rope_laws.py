@@ -105,13 +105,13 @@ def test_a_rope_without_mass_to_speak_of_is_a_string_under_a_law() -> None:
 def test_laws_of_ones_own_are_made_for_the_structure_or_its_massless_one() -> None:
     scene = mast()
     runs = [
-        tmj.simulate(scene, tmj.CompiledLaw(_hold, of, [30.0]), tmj.DAE(), duration=0.02)
+        tmj.simulate(scene, tmj.controllers.CompiledLaw(_hold, of, [30.0]), tmj.DAE(), duration=0.02)
         for of in (scene.structure, scene.structure.massless)
     ]
     np.testing.assert_array_equal(runs[0].nodes, runs[1].nodes)
     other = replace(scene.structure, strings=scene.structure.given.strings[:2])
     with pytest.raises(OptionError, match="other nodes or strings"):
-        tmj.simulate(scene, tmj.CompiledLaw(_hold, other, [30.0]), tmj.DAE(), duration=0.02)
+        tmj.simulate(scene, tmj.controllers.CompiledLaw(_hold, other, [30.0]), tmj.DAE(), duration=0.02)
     with pytest.raises(tmj.errors.ControllerError, match=re.escape("it must return (3,), a value a string")):
         tmj.simulate(scene, lambda time, nodes, velocities: np.ones(7), tmj.DAE(), duration=0.02)
 

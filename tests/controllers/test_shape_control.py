@@ -37,7 +37,7 @@ def held(current: float) -> tmj.Scene:
 
 
 def waves(of: tmj.Scene) -> tmj.Scene:
-    return of.with_(water=replace(of.water, waves=(tmj.Wave(0.5, 15.0, direction=0.4),), tangential_drag=0.1))
+    return of.with_(water=replace(of.water, waves=(tmj.model.Wave(0.5, 15.0, direction=0.4),), tangential_drag=0.1))
 
 
 def pierced(of: tmj.Scene) -> tmj.Scene:

@@ -85,7 +85,7 @@ def test_rods_without_places_of_their_own_move_as_those_that_have_them(name):
 def wet(weights):
     """A loop in waves, on supports that move."""
     scene = everything_moves(planar=False)
-    water = tmj.Water(waves=(tmj.Wave(0.1, 3.0),), current=(0.2, 0.1, 0.0), weights=weights)
+    water = tmj.Water(waves=(tmj.model.Wave(0.1, 3.0),), current=(0.2, 0.1, 0.0), weights=weights)
     return scene.with_(water=water)
 
 

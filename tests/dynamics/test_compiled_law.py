@@ -29,8 +29,8 @@ PARAMETERS = (0.05, 0.5, 0.35)
 
 
 @pytest.fixture(scope="module")
-def law(prism: tmj.Scene) -> tmj.CompiledLaw:
-    return tmj.CompiledLaw(damp, prism.structure, PARAMETERS)
+def law(prism: tmj.Scene) -> tmj.controllers.CompiledLaw:
+    return tmj.controllers.CompiledLaw(damp, prism.structure, PARAMETERS)
 
 
 def in_python(structure: tmj.Structure) -> Any:
@@ -87,7 +87,7 @@ def test_a_command_left_unwritten_is_no_answer(prism) -> None:
         return True
 
     with pytest.raises(tmj.errors.ControllerError, match="nan"):
-        tmj.simulate(prism, tmj.CompiledLaw(idle, prism.structure), tmj.MuJoCo(), duration=0.1)
+        tmj.simulate(prism, tmj.controllers.CompiledLaw(idle, prism.structure), tmj.MuJoCo(), duration=0.1)
 
 
 def test_a_report_that_is_none_is_an_error(prism) -> None:
@@ -125,7 +125,7 @@ def test_rest_lengths_and_a_function_that_numba_compiled_already(prism) -> None:
         return True
 
     lengths = 0.98 * prism.structure.rest_lengths
-    law = tmj.CompiledLaw(hold, prism.structure, lengths, tmj.Command.REST_LENGTH)
+    law = tmj.controllers.CompiledLaw(hold, prism.structure, lengths, tmj.Command.REST_LENGTH)
     run = tmj.simulate(prism, law, tmj.MuJoCo(), duration=0.05)
     assert np.array_equal(run.rest_lengths, np.tile(lengths, (len(run.time), 1)))
 
@@ -143,7 +143,9 @@ def test_rest_lengths_and_a_function_that_numba_compiled_already(prism) -> None:
 )
 def test_bad_options_are_refused(prism, options, words) -> None:
     with pytest.raises(tmj.errors.OptionError) as caught:
-        tmj.CompiledLaw(**({"function": damp, "structure": prism.structure, "parameters": PARAMETERS} | options))
+        tmj.controllers.CompiledLaw(
+            **({"function": damp, "structure": prism.structure, "parameters": PARAMETERS} | options)
+        )
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 

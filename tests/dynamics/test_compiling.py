@@ -184,7 +184,7 @@ def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path
     )
     (tmp_path / "evaluate.py").write_text(
         "import tensegrity_mj as tmj\nfrom own import law\nscene = tmj.load_scene('prism')\n"
-        "made = tmj.CompiledLaw(law, scene.structure)\n"
+        "made = tmj.controllers.CompiledLaw(law, scene.structure)\n"
         "print(made(0.0, scene.nodes0, scene.velocities0)[1], sum(law.stats.cache_hits.values()))\n"
     )
     assert answers(tmp_path) == (0.5, 0)

@@ -161,7 +161,7 @@ MORISON = [
 def test_the_force_of_a_wave_on_a_held_rod_is_morisons(depth, time, F_x, F_z) -> None:
     # Buoyancy is ρ g π d²/4 ℓ = 96.347974 N more. Seven digits were written down.
     water = tmj.Water(
-        RHO, depth, (tmj.Wave(0.6, 20.0, phase=0.3),), drag=1.1, added_mass=0.5, inertia=1.8, diameter=0.1
+        RHO, depth, (tmj.model.Wave(0.6, 20.0, phase=0.3),), drag=1.1, added_mass=0.5, inertia=1.8, diameter=0.1
     )
     found = forces_on(one((0, 1, 0), (2.0, 0.0, -3.0), water=water), time)
     assert found.sum(axis=0) == pytest.approx([F_x, 0.0, F_z + 96.347974], abs=5e-6)
@@ -187,7 +187,10 @@ def test_waves_and_current_add_up_and_only_what_is_across_a_rod_counts() -> None
         slip = b @ u
         expected = 1.7 * DISPLACED * P @ a + 0.5 * RHO * 1.1 * D * L * np.linalg.norm(P @ u) * P @ u
         expected += 0.5 * RHO * 0.2 * np.pi * D * L * abs(slip) * slip * b + [0, 0, DISPLACED * G]
-        waves = (tmj.Wave(A[0], wavelength, None, chi[0], eps[0]), tmj.Wave(A[1], None, omega2, chi[1], eps[1]))
+        waves = (
+            tmj.model.Wave(A[0], wavelength, None, chi[0], eps[0]),
+            tmj.model.Wave(A[1], None, omega2, chi[1], eps[1]),
+        )
         water = tmj.Water(RHO, None, waves, tuple(current), 1.1, 0.2, 0.7, segments=1)
         found = forces_on(one(b, center, velocities=rates, water=water), t).sum(axis=0)
         assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max() + 1e-11
@@ -198,7 +201,7 @@ def test_the_field_above_the_still_surface_is_as_chosen() -> None:
     k = 2 * np.pi / 30
     omega = np.sqrt(G * k)
     for above, fades in ((tmj.model.AboveLevel.EXPONENTIAL, np.exp(0.5 * k)), (tmj.model.AboveLevel.CONSTANT, 1.0)):
-        water = tmj.Water(waves=(tmj.Wave(1.0, 30.0, phase=np.pi / 2),), above=above)
+        water = tmj.Water(waves=(tmj.model.Wave(1.0, 30.0, phase=np.pi / 2),), above=above)
         found = forces_on(one((0, 1, 0), (0, 0, 0.5), water=water)).sum(axis=0)
         drag = 0.5 * RHO * 1.2 * D * L * (omega * fades) ** 2
         assert found == pytest.approx([drag, 0.0, DISPLACED * (G - 2 * omega**2 * fades)], rel=1e-12)
@@ -249,7 +252,7 @@ def test_an_inclined_rod_is_carried_by_the_volume_below_the_surface_at_its_centr
 
 def test_the_surface_rises_and_falls_with_the_wave() -> None:
     # A rod along the crests in the still surface, wave heights of half its radius: the elevation of two waves together.
-    waves = (tmj.Wave(0.3 * R, 8.0, phase=0.5), tmj.Wave(0.2 * R, None, 3.0, np.pi, 1.0))
+    waves = (tmj.model.Wave(0.3 * R, 8.0, phase=0.5), tmj.model.Wave(0.2 * R, None, 3.0, np.pi, 1.0))
     water = tmj.Water(waves=waves, drag=0.0, inertia=0.0, added_mass=0.0)
     omega = np.sqrt(G * 2 * np.pi / 8)
     for t in (0.0, 0.4, 1.3):

@@ -17,7 +17,7 @@ from tensegrity_mj.engines import Solver
 FINE = {"rtol": 1e-11, "atol": 1e-13}
 JOINTS, FULL = tmj.DAE(**FINE), tmj.DAE(solver=Solver.FULL, **FINE)
 ODE, MUJOCO = tmj.ODE(**FINE), tmj.MuJoCo(5e-4)
-WATER = tmj.Water(waves=(tmj.Wave(0.1, 3.0), tmj.Wave(0.05, 1.0, direction=1.0)), current=(0.2, 0.0, 0.0))
+WATER = tmj.Water(waves=(tmj.model.Wave(0.1, 3.0), tmj.model.Wave(0.05, 1.0, direction=1.0)), current=(0.2, 0.0, 0.0))
 DOWN = (0.0, 0.0, -9.81)
 MOTION = (tmj.model.Motion("r0", (tmj.model.Harmonic((0.1, 0.05, 0.08), 6.0, 0.0),)),)
 

@@ -48,7 +48,7 @@ def in_water(
     rods = (tmj.Rod("r1", ("a", "b"), 2.0, 0.03, tmj.Support.pinned()), tmj.Rod("r2", ("c", "d"), 3.0, 0.03))
     ends = (("a", "c"), ("b", "d"), ("a", "d"), ("b", "c"))
     strings = tuple(tmj.String(f"s{n}", pair, 60.0, 2.0, rest_length=0.1) for n, pair in enumerate(ends))
-    waves = (tmj.Wave(0.4, 9.0, direction=0.3), tmj.Wave(0.2, 5.0, direction=1.5, phase=0.7))
+    waves = (tmj.model.Wave(0.4, 9.0, direction=0.3), tmj.model.Wave(0.2, 5.0, direction=1.5, phase=0.7))
     water = tmj.Water(1025.0, None, waves, (0.3, -0.2, 0.0), 1.2, 0.1, 0.7, segments=5, weights=weights, sea=sea)
     structure = tmj.Structure("wet", nodes, rods, strings)
     return tmj.Scene(structure, gravity=(0, 0, -9.81), water=water)

@@ -15,6 +15,7 @@ from tensegrity_mj import calls, simulation
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.linearization import linearizing
 from tensegrity_mj.studies import ensemble
+from tensegrity_mj.studies.identification import result
 from tensegrity_mj.vibration import stable_step
 
 INSIDE: dict[str, Any] = {
@@ -23,6 +24,7 @@ INSIDE: dict[str, Any] = {
     "stable_step": stable_step.stable_step,
     "simulate_many": ensemble.simulate_many,
     "law_in": ensemble.law_in,
+    "identify": result.identify,
 }
 
 

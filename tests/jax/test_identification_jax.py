@@ -192,14 +192,17 @@ def by_mujocos_toolbox(scene: tmj.Scene, unknowns: Unknowns, seen: Observation) 
     data = mujoco.MjData(model)
     state = sysid.create_initial_state(model, data.qpos, data.qvel, data.act)
     values = np.stack([seen.values[seen.series == number] for number in range(len(seen.labels))], axis=1)
-    times = np.arange(round(seen.times[-1] / model.opt.timestep) + 1) * model.opt.timestep
+    step = model.opt.timestep
+    times = np.arange(round(seen.times[-1] / step) + 2) * step
     control = sysid.TimeSeries(times, np.zeros((len(times), model.nu)))
     sequences = sysid.ModelSequences(
         "prism", spec, "seen", state, control, sysid.TimeSeries.from_names(seen.times, values, model)
     )
 
     def weighed(parameters: Any, predicted: Any, measured: Any, *_: Any, **__: Any) -> Any:
-        at = predicted.resample(measured.times).data
+        # A rollout's sensors are those of the beginning of the step that its time is the end of.
+        begun = sysid.TimeSeries(predicted.times - step, predicted.data, predicted.signal_mapping)
+        at = begun.resample(seen.times).data
         return (at - measured.data).ravel() / 1e-3, sysid.TimeSeries(seen.times, at, measured.signal_mapping), measured
 
     residual = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=weighed)

@@ -132,7 +132,7 @@ def scene(**water: Any) -> tmj.Scene:
 
 
 def test_a_sea_adds_to_waves_and_has_the_depth_of_the_water() -> None:
-    sea, wave = IrregularSea("jonswap", 1.0, 6.0, components=20), tmj.Wave(0.3, 20.0)
+    sea, wave = IrregularSea("jonswap", 1.0, 6.0, components=20), tmj.model.Wave(0.3, 20.0)
     shallow = sea_of(scene(waves=(wave,), sea=sea, depth=4.0))
     assert len(shallow.amplitude) == 21
     np.testing.assert_array_equal(shallow.frequency[1:], sea.frequencies)

@@ -31,8 +31,8 @@ D = 2 * RADIUS
 DISPLACED = RHO * math.pi * D**2 / 4 * LENGTH  # kg of water in place of the rod: 9.82
 FINE = tmj.DAE(rtol=1e-12, atol=1e-13)
 WAVES = (
-    tmj.Wave(0.5, 15.0, direction=0.3, phase=0.4),
-    tmj.Wave(0.2, angular_frequency=2.0, direction=2.0),
+    tmj.model.Wave(0.5, 15.0, direction=0.3, phase=0.4),
+    tmj.model.Wave(0.2, angular_frequency=2.0, direction=2.0),
 )
 ENGINES = [tmj.DAE(), tmj.MuJoCo()]
 NAMES = ["DAE", "MuJoCo"]
@@ -296,7 +296,7 @@ def test_a_floating_rod_heaves_and_pitches_with_the_stiffness_of_its_waterplane(
 def test_a_neutral_rod_moves_with_the_water_in_a_long_wave() -> None:
     # Across the wave, without drag, C_M = 1 + C_a and m = m_w give ẍ = a(x, t) whatever C_a is: integrated here by
     # another method, from the water's own velocity. It goes round the orbit A e^{kz} within k A of it.
-    wave = tmj.Wave(0.01, 30.0, phase=0.3)
+    wave = tmj.model.Wave(0.01, 30.0, phase=0.3)
     for added in (0.0, 1.0):
         water = tmj.Water(waves=(wave,), drag=0.0, added_mass=added)
         scene = one((0, 1, 0), (1.0, 0, -2.0), DISPLACED, water=water, duration=4.4)
@@ -319,7 +319,7 @@ def test_a_neutral_rod_moves_with_the_water_in_a_long_wave() -> None:
 
 def test_inertia_may_be_given_apart_from_added_mass() -> None:
     # A rod that is all but held by its mass of 1e9 kg: the force across it is C_M m_w a + drag.
-    wave = (tmj.Wave(0.3, 20.0, phase=1.0),)
+    wave = (tmj.model.Wave(0.3, 20.0, phase=1.0),)
     for inertia, factor in ((None, 1.5), (2.0, 2.0), (0.0, 0.0)):
         water = tmj.Water(waves=wave, drag=0.0, added_mass=0.5, inertia=inertia)
         scene = one((0, 1, 0), mass=1e9, water=water)
@@ -511,7 +511,7 @@ def test_water_is_validated(change, message) -> None:
 )
 def test_waves_are_validated(given, message) -> None:
     with pytest.raises(tmj.errors.SceneError, match=message):
-        tmj.Wave(**given)
+        tmj.model.Wave(**given)
 
 
 def test_water_needs_gravity_that_fits_it_and_rods() -> None:
@@ -570,7 +570,7 @@ def test_descriptions_name_water() -> None:
 
 def test_reynolds_and_keulegan_carpenter_numbers() -> None:
     # A rod across the wave, pinned at its middle: nothing turns it. The speed is A ω e^{kz} at all times.
-    wave = tmj.Wave(0.5, 15.0)
+    wave = tmj.model.Wave(0.5, 15.0)
     omega, k = math.sqrt(G * 2 * math.pi / 15), 2 * math.pi / 15
     scene = one((0, 1, 0), (0, 0, -1.0), support=tmj.Support.pinned(0.5), water=tmj.Water(waves=(wave,)), duration=4.0)
     run = tmj.simulate(scene, engine=tmj.DAE(), output_interval=0.1)
@@ -613,7 +613,7 @@ def test_each_rod_has_the_period_of_the_waves_where_it_is() -> None:
 
     def number(z: float) -> float:
         structure = tmj.Structure("s", {"a": (0.0, -0.5, z), "b": (0.0, 0.5, z)}, (rod,))
-        waves = (tmj.Wave(0.5, 60.0), tmj.Wave(0.2, 3.0))
+        waves = (tmj.model.Wave(0.5, 60.0), tmj.model.Wave(0.2, 3.0))
         scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=waves))
         run = tmj.simulate(scene, None, tmj.DAE(), duration=8.0, output_interval=0.05)
         return float(tmj.runs.flow_numbers(run).undisturbed_keulegan_carpenter[0])
@@ -633,9 +633,9 @@ def test_waves_beyond_linear_theory_are_reported() -> None:
         run = tmj.simulate(scene, None, tmj.DAE(), duration=0.02)
         return " ".join(tmj.runs.flow_numbers(run).notes)
 
-    assert "waves above 1/7 break" in notes(tmj.Water(waves=(tmj.Wave(1.0, 13.9),)))
-    assert "1/7" not in notes(tmj.Water(waves=(tmj.Wave(1.0, 14.1),)))
-    assert "0.78 of the depth" in notes(tmj.Water(waves=(tmj.Wave(1.6, 60.0),), depth=4.0))
+    assert "waves above 1/7 break" in notes(tmj.Water(waves=(tmj.model.Wave(1.0, 13.9),)))
+    assert "1/7" not in notes(tmj.Water(waves=(tmj.model.Wave(1.0, 14.1),)))
+    assert "0.78 of the depth" in notes(tmj.Water(waves=(tmj.model.Wave(1.6, 60.0),), depth=4.0))
     assert "below the bottom at -2 m" in notes(tmj.Water(depth=2.0))
     assert notes(tmj.Water()) == ""
 
@@ -643,7 +643,7 @@ def test_waves_beyond_linear_theory_are_reported() -> None:
 def test_dry_rods_high_above_short_waves_feel_nothing() -> None:
     rod = tmj.Rod("r", ("a", "b"), 5.0, 0.05)
     structure = tmj.Structure("s", {"a": (0.0, -0.5, 80.0), "b": (0.0, 0.5, 80.0)}, (rod,))
-    scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=(tmj.Wave(0.01, 0.5),)))
+    scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=(tmj.model.Wave(0.01, 0.5),)))
     forces, alpha = water_forces(scene, 0.0, scene.nodes0, scene.velocities0)
     assert not forces.any()
     assert not alpha.any()

@@ -39,7 +39,7 @@ def rod_scene(start, along, length, water, mass=1500.0, **scene):
 
 def long_rod(segments=None, **scene):
     """20 m in a wave of 15 m: 1.33 waves along it."""
-    water = tmj.Water(waves=(tmj.Wave(0.5, 15.0),), segments=segments)
+    water = tmj.Water(waves=(tmj.model.Wave(0.5, 15.0),), segments=segments)
     return rod_scene((0.0, 0.0, -1.0), (1, 0, 0), 20.0, water, **scene)
 
 
@@ -76,7 +76,7 @@ def inclined_rods(count, seed=4):
     """Rods of 2 to 30 m of any direction, their upper ends 1.2 m deep, in waves of 4 to 40 m of any direction."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        wave = tmj.Wave(0.3, rng.uniform(4, 40), None, rng.uniform(0, 6), rng.uniform(0, 6))
+        wave = tmj.model.Wave(0.3, rng.uniform(4, 40), None, rng.uniform(0, 6), rng.uniform(0, 6))
         b, length = rng.normal(size=3), rng.uniform(2, 30)
         top = (rng.uniform(-9, 9), rng.uniform(-9, 9), -1.2 - max(0.0, length * b[2] / np.linalg.norm(b)))
         yield wave, top, b, length
@@ -158,7 +158,7 @@ def drag_along(scene, time):
 def test_drag_of_inclined_rods_errs_by_no_more_than_its_bound(current) -> None:
     worst = {"force": 0.0, "moment": 0.0}
     for number, (wave, start, b, length) in enumerate(inclined_rods(12, seed=7)):
-        more = (tmj.Wave(0.1, 0.4 * wave.wavelength, None, 2.0, 1.0),) if number % 3 == 0 else ()
+        more = (tmj.model.Wave(0.1, 0.4 * wave.wavelength, None, 2.0, 1.0),) if number % 3 == 0 else ()
         for n in (6, 25):
             water = tmj.Water(waves=(wave, *more), current=current, inertia=0.0, added_mass=0.0, segments=n)
             scene = rod_scene(start, b, length, water)
@@ -189,7 +189,7 @@ def test_drag_of_inclined_rods_errs_by_no_more_than_its_bound(current) -> None:
 def test_drag_of_upright_and_of_level_rods_in_closed_form() -> None:
     # Upright: P u keeps its direction, ∫ e^{2kz} dz. Level along the wave: P u = w cos θ, and ∫ |cos| cos is
     # x/2 + sin(2x)/4 with the sign of the cosine, from zero to zero.
-    wave, n = tmj.Wave(0.4, 9.0, phase=0.6), 40
+    wave, n = tmj.model.Wave(0.4, 9.0, phase=0.6), 40
     k = 2 * np.pi / 9
     omega = np.sqrt(G * k)
     water = tmj.Water(waves=(wave,), inertia=0.0, added_mass=0.0, segments=n)
@@ -212,7 +212,7 @@ def test_buoyancy_of_a_rod_in_the_surface_errs_by_the_chords_of_its_wave() -> No
     # Waves of a thousandth of the radius: the wet part is ½ + (2/π) ζ/R, so that buoyancy is ρ g d ∫ ζ, within (ζ/R)².
     amplitude = 1e-3 * RADIUS
     for n in (5, 10, 20):
-        water = tmj.Water(waves=(tmj.Wave(amplitude, 6.0),), drag=0.0, inertia=0.0, added_mass=0.0, segments=n)
+        water = tmj.Water(waves=(tmj.model.Wave(amplitude, 6.0),), drag=0.0, inertia=0.0, added_mass=0.0, segments=n)
         scene = rod_scene((0.5, 0.0, 0.0), (1, 0, 0), 7.5, water)
         k = 2 * np.pi / 6
         for time in (0.0, 0.3, 0.9):
@@ -281,7 +281,7 @@ def test_the_number_is_chosen_from_the_waves_and_what_was_given_is_kept() -> Non
     assert "58 % of the largest; give segments = 39 or leave segments out, for 1 %" in warning
     assert long_rod(20).water_segments.warnings == ()  # 3.6 %: more than is chosen, not more than is warned of
     # The longest rod decides; the current is part of the drag; of small chop on a swell little depends.
-    water = tmj.Water(waves=(tmj.Wave(0.5, 15.0),))
+    water = tmj.Water(waves=(tmj.model.Wave(0.5, 15.0),))
 
     def count(**change):
         return rod_scene((0, 0, -1), (0, 1, 0), 20.0, replace(water, **change)).water_segments.count
@@ -289,22 +289,22 @@ def test_the_number_is_chosen_from_the_waves_and_what_was_given_is_kept() -> Non
     assert count() == 39
     assert count(current=(2.0, 0, 0)) < 39
     assert count(drag=0.0) == 25  # the surface: κ²/12 n² = 0.01, n = 24.18, against κ (κ + 4)/24 of inertia
-    assert count(waves=(tmj.Wave(0.5, 60.0),)) == 12  # κ = 2.094: n = 11.95
-    swell = count(waves=(tmj.Wave(1.0, 150.0),), current=(1.0, 0.0, 0.0))
-    assert swell < count(waves=(tmj.Wave(1.0, 150.0), tmj.Wave(0.02, 3.0)), current=(1.0, 0.0, 0.0)) < 84
-    assert count(waves=()) == count(waves=(tmj.Wave(0.0, 0.01),)) == 5
+    assert count(waves=(tmj.model.Wave(0.5, 60.0),)) == 12  # κ = 2.094: n = 11.95
+    swell = count(waves=(tmj.model.Wave(1.0, 150.0),), current=(1.0, 0.0, 0.0))
+    assert swell < count(waves=(tmj.model.Wave(1.0, 150.0), tmj.model.Wave(0.02, 3.0)), current=(1.0, 0.0, 0.0)) < 84
+    assert count(waves=()) == count(waves=(tmj.model.Wave(0.0, 0.01),)) == 5
     shallow = count(depth=1.5)
     assert shallow == 39  # of one wave, κ alone decides
 
 
 def test_there_is_a_limit_that_is_reported() -> None:
-    sea = tmj.Water(waves=(tmj.Wave(0.01, 1.0),))
+    sea = tmj.Water(waves=(tmj.model.Wave(0.01, 1.0),))
     capped = rod_scene((0, 0, -1), (1, 0, 0), 20.0, sea).water_segments
     assert (capped.count, capped.chosen) == (200, True)
     assert capped.needed == 518  # κ (κ + 2)/6 = 0.01 n², κ = 125.66
     assert "segments = 200, the most that are chosen, are too few" in capped.warnings[0]
     assert "6.68 % of the largest; give segments = 518, for 1 %" in capped.warnings[0]
-    beyond = rod_scene((0, 0, -1), (1, 0, 0), 20.0, replace(sea, waves=(tmj.Wave(1e-3, 0.01),))).water_segments
+    beyond = rod_scene((0, 0, -1), (1, 0, 0), 20.0, replace(sea, waves=(tmj.model.Wave(1e-3, 0.01),))).water_segments
     assert (beyond.count, beyond.needed, beyond.force_error, beyond.moment_error) == (200, None, 2.0, 2.0)
     assert "give segments = 1000, the most there may be" in beyond.warnings[0]
     enough = replace(sea, segments=518)

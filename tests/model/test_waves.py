@@ -13,8 +13,8 @@ from tensegrity_mj.model.elements.waves import angular_frequency, wave_number
 
 G, RHO = 9.81, 1025.0
 COMPONENTS = (
-    tmj.Wave(0.5, 15.0, direction=0.3, phase=0.4),
-    tmj.Wave(0.2, angular_frequency=2.0, direction=2.5, phase=-1.0),
+    tmj.model.Wave(0.5, 15.0, direction=0.3, phase=0.4),
+    tmj.model.Wave(0.2, angular_frequency=2.0, direction=2.5, phase=-1.0),
 )
 DEPTHS = (None, 30.0, 4.0, 0.7)
 # Central differences of a step δ of fields that vary as sin(κ s), κ <= 0.6 /m or 2.1 /s: δ² κ³/6 and round-off ε/δ of
@@ -115,7 +115,7 @@ def test_conditions_at_the_surface_and_at_the_bottom(depth: float | None) -> Non
 
 
 def test_finite_depth_is_that_of_hyperbolic_functions_and_becomes_deep() -> None:
-    wave = tmj.Wave(0.3, 8.0)
+    wave = tmj.model.Wave(0.3, 8.0)
     shallow = tmj.model.Sea.of([wave], G, 2.0)
     k, omega = float(shallow.number[0]), float(shallow.frequency[0])
     z = -0.7

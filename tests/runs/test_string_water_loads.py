@@ -61,7 +61,7 @@ def adrift() -> tmj.Scene:
     )
     masses = tuple(tmj.PointMass(name, 2.0) for name in nodes)
     structure = tmj.Structure("adrift", nodes, (), strings, point_masses=masses)
-    waves = (tmj.Wave(0.3, 12.0, direction=0.6),)
+    waves = (tmj.model.Wave(0.3, 12.0, direction=0.6),)
     sea = water(waves=waves, current=(0.4, 2.0, 0.0))
     return tmj.Scene(structure, gravity=(0.0, 0.0, -G), water=sea, duration=0.4)
 

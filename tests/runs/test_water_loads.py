@@ -40,7 +40,7 @@ def test_in_waves_the_load_leaves_the_momentum_that_the_rod_has() -> None:
     Of motions of 1 m/s and forces of 300 N at 5 rad/s: the spline's slopes are off by h³/24 · 5⁴ m/s² = 3e-6 m/s²,
     which 16 kg make 1e-4 N s of in 2 s, did they not cancel; Simpson's rule by h⁴/180 · 5⁴ · 300 N · 2 s = 1.3e-6 N s.
     """
-    waves = (tmj.Wave(0.5, 12.0, direction=0.6), tmj.Wave(0.2, 6.0, direction=2.0, phase=1.0))
+    waves = (tmj.model.Wave(0.5, 12.0, direction=0.6), tmj.model.Wave(0.2, 6.0, direction=2.0, phase=1.0))
     scene = rod(8.0, -4.0, waves=waves, current=(0.4, -0.2, 0.0), tangential_drag=0.1, segments=8)
     run = tmj.simulate(scene, None, tmj.DAE(rtol=1e-11, atol=1e-12), duration=2.0, output_interval=5e-3)
     force = run.water_loads()[:, 0] + 8.0 * np.array(scene.gravity)

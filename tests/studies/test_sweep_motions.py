@@ -191,7 +191,7 @@ def test_a_sweep_of_a_moved_cable_in_still_air_and_wind() -> None:
 
 
 def wet() -> tmj.Scene:
-    waves = (tmj.Wave(1.0, 50.0), tmj.Wave(0.5, 20.0, phase=0.5))
+    waves = (tmj.model.Wave(1.0, 50.0), tmj.model.Wave(0.5, 20.0, phase=0.5))
     water = tmj.Water(waves=waves, current=(1.0, 2.0, 0.0), segments=9)
     return tmj.load_scene("tower_waves").with_(water=water)
 
@@ -205,8 +205,8 @@ def wet() -> tmj.Scene:
         ("segments", 7, {"segments": 7}),
         ("weights", "hermite", {"weights": tmj.model.Weights.HERMITE}),
         ("current.y", Scaled(3), {"current": (1.0, 6.0, 0.0)}),
-        ("waves.phase", 1, {"waves": (tmj.Wave(1.0, 50.0, phase=1.0), tmj.Wave(0.5, 20.0, phase=1.0))}),
-        ("waves[1].amplitude", Scaled(3), {"waves": (tmj.Wave(1.0, 50.0), tmj.Wave(1.5, 20.0, phase=0.5))}),
+        ("waves.phase", 1, {"waves": (tmj.model.Wave(1.0, 50.0, phase=1.0), tmj.model.Wave(0.5, 20.0, phase=1.0))}),
+        ("waves[1].amplitude", Scaled(3), {"waves": (tmj.model.Wave(1.0, 50.0), tmj.model.Wave(1.5, 20.0, phase=0.5))}),
     ],
 )
 def test_water_by_the_names_of_its_fields(path: str, value: Any, change: dict[str, Any]) -> None:
