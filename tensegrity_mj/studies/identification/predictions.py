@@ -40,8 +40,8 @@ class Predictions(Protocol):
 
     noise: float
 
-    predict: Callable[[Array], Array]
-    jacobian: Callable[[Array], Array]
+    def predict(self, values: Array, /) -> Array: ...
+    def jacobian(self, values: Array, /) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,4 +200,5 @@ class Kept:
             point = {what: values.tolist()}
             return np.array(store.once(point, lambda: {"found": getattr(of, what)(values)})["found"])
 
-        self.predict, self.jacobian = partial(kept, "predict"), partial(kept, "jacobian")
+        self.predict: Callable[[Array], Array] = partial(kept, "predict")
+        self.jacobian: Callable[[Array], Array] = partial(kept, "jacobian")
