@@ -153,7 +153,7 @@ def _components(fixed: _Fixed, p: Arrays) -> list[Waves]:
         frequency = (sea.frequencies * sea.peak_period)[:, None] / period  # the spectrum is one of ω/ω_p
         phase, size = np.array([[wave.phase] for wave in sea.waves]), height / np.sqrt(8 * sea.components)
         found.append((size * np.ones_like(phase), frequency, wave_number(frequency, g, h), way, phase))
-    return [Waves(*(rows[:, None, None] for rows in waves), h) for waves in found]
+    return [Waves._make([*(rows[:, None, None] for rows in waves), h]) for waves in found]
 
 
 def wave_number(frequency: Any, gravity: float, depth: Any) -> Any:
