@@ -14,8 +14,9 @@ segment: with u = (ζ - z) / (½ d cos φ) along the axis of a rod that is incli
 
     w(u) = ½ + (asin u + u √(1 - u²)) / π,  0 below -1 and 1 above 1,
 
-which is integrated along the segment to round-off, with its first moment for the place where the loads act. Loads
-act on the axis: the couple of a buoyancy off the axis, (d/ℓ)² of those that are kept, is left out as are end caps.
+which is integrated along the segment, with its first moment for the place where the loads act, to 1e-10 where a segment
+that is all but level just touches the surface, and to round-off, 1e-16/|Δu|, elsewhere. Loads act on the axis: the
+couple of a buoyancy off the axis, (d/ℓ)² of those that are kept, is left out as are end caps.
 
 The loads of a segment at the distance s ℓ from the first node go to the two nodes with weights that add up to one:
 1 - s and s, which keep force and moment of a rigid rod, or the thesis' (7.11)-(7.12), those of a clamped beam. Segments
@@ -158,7 +159,7 @@ def diameters(structure: Structure, water: Water) -> Array:
 def wet_parts(first: Array, second: Array) -> tuple[Array, Array]:
     """Which part of a segment is under water, and the centre of that part as a part of the way along the segment.
 
-    With u = sin θ the integrals are of trigonometric functions, which Gauss' rule of twelve points has to round-off.
+    With u = sin θ the integrals are of trigonometric functions, which Gauss' rule of twelve points has to 1e-13.
 
     Args:
         first, second: u at the two ends of the segment, depth of the axis over ½ d cos φ; they broadcast.
