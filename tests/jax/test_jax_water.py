@@ -24,7 +24,7 @@ from tensegrity_mj.model import AboveLevel, IrregularSea, Weights, Work
 
 G, RHO = 9.81, 1025.0
 SEA = IrregularSea("jonswap", 0.8, 3.0, seed=2, components=12)
-BOTH = (tmj.Wave(0.3, 6.0, direction=0.3, phase=0.4), tmj.Wave(0.2, angular_frequency=2.3, direction=2.0))
+BOTH = (tmj.model.Wave(0.3, 6.0, direction=0.3, phase=0.4), tmj.model.Wave(0.2, angular_frequency=2.3, direction=2.0))
 
 
 def changed(below: float, **water: Any) -> tmj.Scene:
@@ -191,7 +191,7 @@ def rod() -> tuple[Any, Any]:
     nodes = dict(zip("abc", LEVEL.tolist(), strict=True))
     rods, strings = (tmj.Rod("r", ("a", "b"), 3.0, 0.05),), (tmj.String("s", ("a", "c"), 1.0, 0.0, 1.0),)
     structure = tmj.Structure("rod", nodes, rods, strings, (), (tmj.PointMass("c", 1.0),))
-    water = tmj.Water(RHO, waves=(tmj.Wave(0.3, 0.5),), segments=3, string_diameter=0.02)
+    water = tmj.Water(RHO, waves=(tmj.model.Wave(0.3, 0.5),), segments=3, string_diameter=0.02)
     p, loads = loads_of(tmj.Scene(structure, gravity=(0.0, 0.0, -G), water=water))
     return {**p, "waves": {**p["waves"], "amplitude": np.zeros(1)}}, slopes_of(loads)
 
