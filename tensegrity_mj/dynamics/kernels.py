@@ -16,7 +16,19 @@ import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import (
+    ZERO,
+    apply,
+    column_of,
+    dot,
+    minus,
+    over,
+    plus,
+    put,
+    row_of,
+    times,
+    vector,
+)
 
 
 @njit
@@ -89,8 +101,7 @@ def wet_rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added:
 @inlined
 def _held(rod: Any, b: Any, per_square: float, mass: float, added: float, turning: float, v: Any) -> Any:
     """E (Eᵀ K E)⁻¹ Eᵀ v of K = m I + α P - κ P_B, by L D Lᵀ; directions that r has not are rows of one."""
-    E = rod.E
-    e1, e2, e3 = (E[0, 0], E[1, 0], E[2, 0]), (E[0, 1], E[1, 1], E[2, 1]), (E[0, 2], E[1, 2], E[2, 2])
+    e1, e2, e3 = column_of(rod.E, 0), column_of(rod.E, 1), column_of(rod.E, 2)
     k1, k2, k3 = (
         _times_K(rod, b, per_square, mass, added, turning, e1),
         _times_K(rod, b, per_square, mass, added, turning, e2),
@@ -131,10 +142,8 @@ def in_plane(rod: Any, v: Any) -> Any:
     """B Bᵀ v."""
     inside = v
     if rod.nb == 2:
-        B = rod.B
-        p = B[0, 0] * v[0] + B[1, 0] * v[1] + B[2, 0] * v[2]
-        q = B[0, 1] * v[0] + B[1, 1] * v[1] + B[2, 1] * v[2]
-        inside = (B[0, 0] * p + B[0, 1] * q, B[1, 0] * p + B[1, 1] * q, B[2, 0] * p + B[2, 1] * q)
+        first, second = column_of(rod.B, 0), column_of(rod.B, 1)
+        inside = plus(times(dot(first, v), first), times(dot(second, v), second))
     return inside
 
 
@@ -144,18 +153,36 @@ def across_rod(rod: Any, b: Any, per_square: float, v: Any) -> Any:
     return minus(in_plane(rod, v), times(dot(b, v) * per_square, b))
 
 
+@inlined
+def translated(start: Any, member: Any, nz: int, q: Any) -> tuple[float, float, float]:
+    """start + E z of a rod or a point mass that has so many z in q."""
+    out = start
+    for p in range(nz):
+        out = plus(out, times(q[member.q + p], column_of(member.E, p)))
+    return out
+
+
+@inlined
+def write_translations(member: Any, nz: int, r: Any, out: Any) -> None:
+    """Eᵀr into a rod's or a point mass' places of `out` (nq,), with as many z as it has there."""
+    for p in range(nz):
+        out[member.q + p] = dot(column_of(member.E, p), r)
+
+
+@inlined
+def place_ends(rod: Any, r: Any, b: Any, nodes: Any) -> None:
+    """Write the places of a rod's nodes, or their rates or accelerations, of those of r and b."""
+    put(nodes, rod.i, minus(r, times(rod.sigma * rod.length, b)))
+    put(nodes, rod.j, plus(r, times((1.0 - rod.sigma) * rod.length, b)))
+
+
 @borrowing
 def place_points(q: Any, rates: Any, points: Any, nodes: Any, velocities: Any) -> None:
     """Positions and velocities of the point masses' nodes, for both formulations: they have z alone."""
     for a in range(len(points)):
         point = points[a]
-        for k in range(3):
-            r, r_rate = point.anchor[k], 0.0
-            for p in range(point.nz):
-                r += point.E[k, p] * q[point.q + p]
-                r_rate += point.E[k, p] * rates[point.q + p]
-            nodes[point.node, k] = r
-            velocities[point.node, k] = r_rate
+        put(nodes, point.node, translated(vector(point.anchor), point, point.nz, q))
+        put(velocities, point.node, translated(ZERO, point, point.nz, rates))
 
 
 @borrowing
@@ -163,11 +190,8 @@ def accelerate_points(forces: Any, points: Any, gravity: Any, out: Any) -> None:
     """z̈ of the point masses for nodal forces (N, 3) [N]."""
     for a in range(len(points)):
         point = points[a]
-        for p in range(point.nz):
-            total = 0.0
-            for k in range(3):
-                total += point.E[k, p] * (forces[point.node, k] / point.mass + gravity[k])
-            out[point.q + p] = total
+        own = plus(over(row_of(forces, point.node), point.mass), vector(gravity))
+        write_translations(point, point.nz, own, out)
 
 
 @borrowing
@@ -175,20 +199,9 @@ def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velociti
     """vec(N) = Φ q + y (2.53) and its rate, written into (N, 3) arrays; fixed nodes are left as they are."""
     for a in range(len(rods)):
         rod = rods[a]
-        iz, ib = rod.q, rod.q + rod.nz
-        for k in range(3):
-            r, r_rate, b, b_rate = rod.anchor[k], 0.0, 0.0, 0.0
-            for p in range(rod.nz):
-                r += rod.E[k, p] * q[iz + p]
-                r_rate += rod.E[k, p] * rates[iz + p]
-            for p in range(rod.nb):
-                b += rod.B[k, p] * q[ib + p]
-                b_rate += rod.B[k, p] * rates[ib + p]
-            back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
-            nodes[rod.i, k] = r - back * b
-            nodes[rod.j, k] = r + ahead * b
-            velocities[rod.i, k] = r_rate - back * b_rate
-            velocities[rod.j, k] = r_rate + ahead * b_rate
+        at = rod.q + rod.nz
+        place_ends(rod, translated(vector(rod.anchor), rod, rod.nz, q), direction_of(rod, q, at), nodes)
+        place_ends(rod, translated(ZERO, rod, rod.nz, rates), direction_of(rod, rates, at), velocities)
     place_points(q, rates, points, nodes, velocities)
 
 
@@ -216,12 +229,9 @@ def stretch_term(rod: Any, b: Any, b_rate: Any, kp: float, kd: float) -> float:
 @inlined
 def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
     """Eᵀr and Bᵀb into a rod's places of `out` (nq,), with as many z as it has there."""
-    iz = rod.q
-    ib = iz + nz
-    for p in range(nz):
-        out[iz + p] = rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
+    write_translations(rod, nz, r, out)
     for p in range(rod.nb):
-        out[ib + p] = rod.B[0, p] * b[0] + rod.B[1, p] * b[1] + rod.B[2, p] * b[2]
+        out[rod.q + nz + p] = dot(column_of(rod.B, p), b)
 
 
 @borrowing
@@ -294,11 +304,9 @@ def hold(rod: Any, pair: Any, held: Any) -> None:
 @inlined
 def direction_of(rod: Any, q: Any, at: int) -> Any:
     """b = B β in world components, β from place `at` of q on."""
-    B = rod.B
     if rod.nb == 3:
         return q[at], q[at + 1], q[at + 2]
-    x, y = q[at], q[at + 1]
-    return B[0, 0] * x + B[0, 1] * y, B[1, 0] * x + B[1, 1] * y, B[2, 0] * x + B[2, 1] * y
+    return plus(times(q[at], column_of(rod.B, 0)), times(q[at + 1], column_of(rod.B, 1)))
 
 
 @borrowing

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points
+from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points, translated
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, minus, plus, put, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, MemberRecords, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
@@ -167,29 +167,15 @@ def _attach_motions(
 
 
 @inlined
-def _along(rod: Any, nz: int, q: Any) -> Any:
-    """E z in world components."""
-    E, at, out = rod.E, rod.q, ZERO
-    for p in range(nz):
-        out = plus(out, (E[0, p] * q[at + p], E[1, p] * q[at + p], E[2, p] * q[at + p]))
-    return out
-
-
-@inlined
-def _write(row: Any, v: Any, array: Any) -> None:
-    array[row, 0], array[row, 1], array[row, 2] = v[0], v[1], v[2]
-
-
-@inlined
 def _put_end(linked: Any, link: Any, end: int, node: int, x: Any, v: Any, nodes: Any, velocities: Any) -> None:
     """Write an end of a rod as the node's, or how far it is from the node as the closure's gap."""
     if link.owns[end]:
-        _write(node, x, nodes)
-        _write(node, v, velocities)
+        put(nodes, node, x)
+        put(velocities, node, v)
     elif link.closure[end] >= 0:
         gap = linked.gaps[link.closure[end]]
-        _write(0, minus(x, row_of(nodes, node)), gap)
-        _write(1, minus(v, row_of(velocities, node)), gap)
+        put(gap, 0, minus(x, row_of(nodes, node)))
+        put(gap, 1, minus(v, row_of(velocities, node)))
 
 
 @borrowing
@@ -212,7 +198,8 @@ def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) 
             xj, vj = row_of(nodes, rod.j), row_of(velocities, rod.j)
             xi, vi = minus(xj, times(rod.length, b)), minus(vj, times(rod.length, b_rate))
         else:
-            r, r_rate = plus(vector(rod.anchor), _along(rod, link.nz, q)), _along(rod, link.nz, rates)
+            r = plus(vector(rod.anchor), translated(ZERO, rod, link.nz, q))
+            r_rate = translated(ZERO, rod, link.nz, rates)
             if link.motion >= 0:
                 moved = linked.motions[link.motion]
                 r, r_rate = plus(r, row_of(moved, 0)), plus(r_rate, row_of(moved, 1))
@@ -223,8 +210,8 @@ def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) 
         _put_end(linked, link, 1, rod.j, xj, vj, nodes, velocities)
     for n in range(len(linked.moved_nodes)):
         node, moved = linked.moved_nodes[n, 0], linked.motions[linked.moved_nodes[n, 1]]
-        _write(node, plus(row_of(linked.bases, n), row_of(moved, 0)), nodes)
-        _write(node, row_of(moved, 1), velocities)
+        put(nodes, node, plus(row_of(linked.bases, n), row_of(moved, 0)))
+        put(velocities, node, row_of(moved, 1))
     place_points(q, rates, linked.points, nodes, velocities)
 
 

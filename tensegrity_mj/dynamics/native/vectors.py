@@ -22,6 +22,18 @@ def row_of(array: Any, n: int) -> tuple[float, float, float]:
 
 
 @inlined
+def column_of(A: Any, n: int) -> tuple[float, float, float]:
+    """Column n of a matrix (3, n)."""
+    return A[0, n], A[1, n], A[2, n]
+
+
+@inlined
+def put(array: Any, n: int, a: Any) -> None:
+    """Write a into row n of an array (n, 3)."""
+    array[n, 0], array[n, 1], array[n, 2] = a[0], a[1], a[2]
+
+
+@inlined
 def plus(a: Any, b: Any) -> tuple[float, float, float]:
     """a + b"""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
@@ -37,6 +49,12 @@ def minus(a: Any, b: Any) -> tuple[float, float, float]:
 def times(s: float, a: Any) -> tuple[float, float, float]:
     """s a"""
     return s * a[0], s * a[1], s * a[2]
+
+
+@inlined
+def over(a: Any, s: float) -> tuple[float, float, float]:
+    """a / s"""
+    return a[0] / s, a[1] / s, a[2] / s
 
 
 @inlined
