@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,16 +21,16 @@ UNITS = {"nodes": "m", "lengths": "m", "tensions": "N"}
 Source = str | os.PathLike[str] | Table | Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What counts of a table: series by quantities and members, and the noise's standard deviation of each, or None."""
+class Series(NamedTuple):
+    """A number over time: of a node ("nodes", "n1", "x") or of a string ("lengths", "s1", "length"); sigma or None."""
 
-    table: Table
-    series: dict[str, dict[str, Array]]
-    sigmas: dict[str, float | None]
+    place: tuple[str, str, str]
+    times: Array
+    values: Array
+    sigma: float | None
 
 
-def measured(source: Source, members: Sequence[str] | None = None, **sigmas: float | None) -> Measured:
+def measured(source: Source, members: Sequence[str] | None = None, **sigmas: float | None) -> tuple[Series, ...]:
     """The measurements in a table, which arrays make (`runs.Table`), in a run, or in a file of either (docs/data.md).
 
     Args:
@@ -46,29 +46,31 @@ def measured(source: Source, members: Sequence[str] | None = None, **sigmas: flo
     if isinstance(source, (str, os.PathLike)):
         source = read_table(source) if is_table(source) else Trajectory.load(source)
     instance("measurements", source, (Table, Trajectory), "use a run, a table, the path of one, or measured(...)")
-    table = source if isinstance(source, Table) else _table_of(source)
-    positions = dict(zip(table.nodes, np.swapaxes(table.positions, 0, 1), strict=True))
-    parts = {"nodes": positions, "lengths": table.lengths, "tensions": table.tensions}
-    held = {quantity: series for quantity, series in parts.items() if series}
-    usual = [one for one in held if one == "nodes" or len(held) == 1]
+    if isinstance(source, Trajectory):
+        strings = [string.name for string in source.scene.structure.strings]
+        pulls, spans = ({one: of(one) for one in strings} for of in (source.tension, source.length))
+        names = tuple(source.scene.structure.node_names)
+        source = Table(source.time, names, source.nodes, None, pulls, f"the run of {source.engine}", {}, spans)
+    name, moved = source.name, np.moveaxis(source.positions, 0, -1)
+    held = {("nodes", node, "xyz"[k]): moved[n, k] for n, node in enumerate(source.nodes) for k in range(3)}
+    held |= {("lengths", string, "length"): values for string, values in source.lengths.items()}
+    held |= {("tensions", string, "tension"): values for string, values in source.tensions.items()}
+    quantities = list(dict.fromkeys(place[0] for place in held))
     for quantity, sigma in sigmas.items():
-        check_known(table.name, quantity, held, "quantity")
+        check_known(name, quantity, quantities, "quantity")
         if sigma is not None:
-            positive(f"{table.name}: sigma of {quantity}", sigma, UNITS[quantity])
-    if not (chosen := sigmas or dict.fromkeys(usual)):
-        raise OptionError(f"{table.name} has {', '.join(held)}: name what counts, as measured(..., tensions=0.1)")
+            positive(f"{name}: sigma of {quantity}", sigma, UNITS[quantity])
+    chosen = sigmas or {one: None for one in quantities if one == "nodes" or len(quantities) == 1}
+    if not chosen:
+        raise OptionError(f"{name} has {', '.join(quantities)}: name what counts, as measured(..., tensions=0.1)")
     for member in members or ():
-        check_known(table.name, member, {one for quantity in chosen for one in held[quantity]}, "node or string")
-    of = {key: {name: one for name, one in held[key].items() if members is None or name in members} for key in chosen}
-    return Measured(table, of, chosen)
-
-
-def _table_of(run: Trajectory) -> Table:
-    structure = run.scene.structure
-    pulls, lengths = (
-        {string.name: values(string.name) for string in structure.strings} for values in (run.tension, run.length)
+        check_known(name, member, {place[1] for place in held if place[0] in chosen}, "node or string")
+    return tuple(
+        Series(place, source.time[seen], values[seen], chosen[place[0]])
+        for place, values in held.items()
+        if place[0] in chosen and (members is None or place[1] in members)
+        for seen in [~np.isnan(values)]
     )
-    return Table(run.time, tuple(structure.node_names), run.nodes, None, pulls, f"the run of {run.engine}", {}, lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,39 +103,43 @@ class Observation:
             OptionError: for a member that the structure does not have, a time below 0, several units of unknown noise,
                 noise that is known of some alone, or no measurement at all.
         """
-        several = isinstance(given, Iterable) and not isinstance(given, (str, Measured))
-        sources = [one if isinstance(one, Measured) else measured(one) for one in (given if several else [given])]
-        strings = [string.name for string in structure.strings]
-        begins = {"nodes": 0, "lengths": 3 * len(structure.nodes), "tensions": 3 * len(structure.nodes) + len(strings)}
-        names: list[tuple[str, str]] = []
-        pieces, known = [], set()
-        for source in sources:
-            for quantity, sigma in source.sigmas.items():
-                known.add((sigma is not None, UNITS[quantity]))
-                word, members = ("node", structure.node_names) if quantity == "nodes" else ("string", strings)
-                for member, values in source.series[quantity].items():
-                    check_known(source.table.name, member, members, word)
-                    width, ends = (3, "xyz") if quantity == "nodes" else (1, [quantity.removesuffix("s")])
-                    first = begins[quantity] + width * list(members).index(member)
-                    for axis, end in enumerate(ends):
-                        column = np.reshape(values, (-1, width))[:, axis]
-                        seen = np.flatnonzero(~np.isnan(column))
-                        same = (np.ones(len(seen)) * one for one in (sigma or 1.0, first + axis, len(names)))
-                        pieces.append((np.round(source.table.time[seen], 12), column[seen], *same))
-                        names.append((f"{member}.{end}", UNITS[quantity]))
-        if not sum(len(piece[0]) for piece in pieces):
+        found = [one for one in _each(given) if len(one.times)]
+        nodes, strings = structure.node_names, [string.name for string in structure.strings]
+        known = {(one.sigma is not None, UNITS[one.place[0]]) for one in found}
+        for one in found:
+            of_node = one.place[0] == "nodes"
+            check_known("measurements", one.place[1], nodes if of_node else strings, "node" if of_node else "string")
+        if not found:
             raise OptionError("measurements: there is none")
         if len({one for one, _ in known}) > 1 or (len(known) > 1 and not next(iter(known))[0]):
             raise OptionError("measurements: give the noise of all, as measured(..., nodes=1e-3, tensions=0.1)")
-        at, values, sizes, columns, series = (np.concatenate(one) for one in zip(*pieces, strict=True))
-        times, rows = np.unique(at, return_inverse=True)
+        places = [("nodes", node, axis) for node in nodes for axis in "xyz"]
+        places += [(of, string, of.removesuffix("s")) for of in ("lengths", "tensions") for string in strings]
+        times, rows = np.unique(np.round(np.concatenate([one.times for one in found]), 12), return_inverse=True)
         if times[0] < 0 or times[-1] == 0:
             raise OptionError(f"measurements are from {times[0]:g} to {times[-1]:g} s; runs begin at 0 s")
-        labels, units = zip(*names, strict=True)
-        places = (series.astype(int), rows, columns.astype(int))
-        return cls(times, labels, units, values, sizes, next(iter(known))[0], *places)
+        sizes = [len(one.times) for one in found]
+        return cls(
+            times,
+            tuple(f"{one.place[1]}.{one.place[2]}" for one in found),
+            tuple(UNITS[one.place[0]] for one in found),
+            np.concatenate([one.values for one in found]),
+            np.repeat([one.sigma or 1.0 for one in found], sizes),
+            next(iter(known))[0],
+            np.repeat(np.arange(len(found)), sizes),
+            rows,
+            np.repeat([places.index(one.place) for one in found], sizes),
+        )
 
     def seen(self, nodes: Any, lengths: Any, tensions: Any) -> Any:
         """(n,) in a run at `times`: of nodes (T, N, 3), lengths and tensions (T, M), in arrays of NumPy or JAX."""
         columns = [nodes.reshape(len(self.times), -1), lengths, tensions]
         return nodes.__array_namespace__().concatenate(columns, axis=1)[self.rows, self.columns]
+
+
+def _each(given: Any) -> list[Series]:
+    if isinstance(given, Series):
+        return [given]
+    if isinstance(given, Iterable) and not isinstance(given, str):
+        return [series for one in given for series in _each(one)]
+    return list(measured(given))

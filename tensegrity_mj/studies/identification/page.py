@@ -36,8 +36,11 @@ def page_of(data: Data) -> Page:
     ]
     pictures = [
         Picture(_fitted(data), "Measured (dots) and fitted (lines): the series that move most."),
-        Picture(_intervals(data), f"Intervals of {level} confidence in parts of the estimate; a cross is the start."),
-        Picture(_spectra(data), "What the data tell, and what is left; dashed: 95 % of white noise is within."),
+        Picture(
+            _told(data),
+            f"Intervals of {level} confidence, starts as crosses; information by parameters in parts of their starts, "
+            "before and after the fit; what is left, of which 95 % are within the dashed lines where it is white.",
+        ),
     ]
     (_, verdict), *others = verdicts(data)
     findings = [Finding(Mark.GOOD if good else Mark.LIMITED, text) for good, text in others]
@@ -84,29 +87,24 @@ def _fitted(data: Data) -> Figure:
     return figure
 
 
-def _intervals(data: Data) -> Figure:
+def _told(data: Data) -> Figure:
+    """Intervals; eigenvalues of the Fisher information; autocorrelation of the residuals."""
     known = [row for row in data["parameters"] if math.isfinite(row["deviation"]) and row["value"]]
-    figure, places = new_figure(2 * COLUMN, 0.8 + 0.22 * max(len(known), 1)), np.arange(len(known))
-    panel = figure.subplots()
+    figure = new_figure(3 * COLUMN, max(ROW, 0.8 + 0.22 * len(known)))
+    left, middle, right = figure.subplots(1, 3)
+    places, white = np.arange(len(known)), data["whiteness"]
     reach = [(row["high"] - row["value"]) / abs(row["value"]) for row in known]
-    panel.errorbar(np.ones(len(known)), places, xerr=reach, fmt="o", ms=4, capsize=3, color=palette.color_of(0))
-    panel.plot([row["start"] / row["value"] for row in known], places, "x", color=palette.GUIDE)
-    panel.set_yticks(places, [figure_text(row["name"]) for row in known])
-    panel.invert_yaxis()
-    frame(panel, "", "in parts of the estimate")
-    return figure
-
-
-def _spectra(data: Data) -> Figure:
-    figure, (left, right) = grid_of_panels(2, 2, COLUMN, ROW)
+    left.errorbar(np.ones(len(known)), places, xerr=reach, fmt="o", ms=4, capsize=3, color=palette.color_of(0))
+    left.plot([row["start"] / row["value"] for row in known], places, "x", color=palette.GUIDE)
+    left.set_yticks(places, [figure_text(row["name"]) for row in known])
+    left.invert_yaxis()
     for number, when in enumerate(("before", "after")):
         values = np.array(data[when]["eigenvalues"])
-        places, shown = np.arange(1, len(values) + 1), np.where(values > 0, values, np.nan)
-        left.semilogy(places, shown, "ox"[number], label=f"{when} the fit", color=palette.color_of(number))
-    frame(left, "eigenvalues of the Fisher information", "number", "in parts of the starts")
-    white = data["whiteness"]
+        middle.semilogy(np.where(values > 0, values, np.nan), "ox"[number], label=when, color=palette.color_of(number))
     right.bar(np.arange(1, white["lags"] + 1), white["autocorrelation"], color=palette.color_of(0), width=0.5)
     for bound in () if white["bound"] is None else (white["bound"], -white["bound"]):
         right.axhline(bound, color=palette.GUIDE, ls="--", lw=0.9)
+    frame(left, "intervals, in parts of the estimate")
+    frame(middle, "eigenvalues of the Fisher information")
     frame(right, "autocorrelation of the residuals", "lag in samples")
     return figure
