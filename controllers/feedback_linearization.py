@@ -67,6 +67,7 @@ class FeedbackLinearization:
     model: Scene = field(init=False, repr=False)
 
     command = Command.FORCE_DENSITY
+    arrays = "tensegrity_mj.engines.jax.linearizing_law:linearizing_law"
 
     def __post_init__(self) -> None:
         set_model(self)
@@ -91,6 +92,11 @@ class FeedbackLinearization:
         for point in self.structure.lone_masses:
             found += [Equation(f"{axis} of node '{point.node}'", "m/s²") for axis in _axes(point.translation_basis)]
         return found
+
+    @property
+    def allocator(self) -> Allocator:
+        """What solves for the force densities, with the options checked."""
+        return self._own.allocator
 
     @property
     def discontinuous(self) -> str:

@@ -70,8 +70,8 @@ class Allocator:
         if np.any(self.lower < 0):
             raise OptionError(f"minimum_force_density = {floor!r}; every value must be >= 0 N/m")
         self._floor = self.lower
-        self._limits = StringLimits.of(structure, allocation.maximum_force_density, allocation.respect_limits)
-        self.upper = self._limits.max_force_density
+        self.limits = StringLimits.of(structure, allocation.maximum_force_density, allocation.respect_limits)
+        self.upper = self.limits.max_force_density
         below = self.upper < self.lower
         if np.any(below):
             m = int(np.argmax(below))
@@ -119,8 +119,8 @@ class Allocator:
             ControllerError: where they are not finite.
         """
         A, d = self._checked(A, d)
-        if nodes is not None and self._limits.of_state:
-            self.upper = self._limits.ceilings(nodes)
+        if nodes is not None and self.limits.of_state:
+            self.upper = self.limits.ceilings(nodes)
             # A string too short for its rest length can only hang slack.
             self.lower = np.minimum(self._floor, self.upper)
         u = self._search(A, d)

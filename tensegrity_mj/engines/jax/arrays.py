@@ -88,3 +88,16 @@ def lifted(array: Any, like: Any, leading: int = 1) -> Any:
     """
     array = jax.numpy.asarray(array)
     return array.reshape(array.shape + (1,) * (jax.numpy.ndim(like) - leading - (array.ndim - leading)))
+
+
+def mapped(command: Callable[..., Any], parameters: Any) -> Callable[..., Any]:
+    """A law's command (p, t, x, v) for single states, over batches of states and parameters too, which are last."""
+    own = jax.tree_util.tree_map(jax.numpy.ndim, parameters)
+
+    def many(p: Any, t: Any, x: Any, v: Any) -> Any:
+        if x.ndim == 2:
+            return command(p, t, x, v)
+        axes = jax.tree_util.tree_map(lambda leaf, ndim: -1 if jax.numpy.ndim(leaf) > ndim else None, p, own)
+        return jax.vmap(command, (axes, None, -1, -1), -1)(p, t, x, v)
+
+    return many

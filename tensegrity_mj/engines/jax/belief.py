@@ -59,3 +59,14 @@ class Belief:
         return accelerate(rates, weight + known), lambda forces: accelerate(
             jnp.zeros_like(rates), times(system.maps.T, forces)
         )
+
+
+def ceilings(limits: Any, lengths: Any) -> Any:
+    """The largest force densities (M, ...), min(u_max, max(k (1 - L0_min/L), 0)), of a law's `StringLimits`."""
+    highest, shortest = limits.max_force_density, limits.min_rest_length
+    of_state = np.isfinite(shortest)
+    by_length = lifted(limits.structure.stiffness, lengths) * (
+        1.0 - lifted(np.where(of_state, shortest, 0.0), lengths) / lengths
+    )
+    by_length = jnp.where(lifted(of_state, lengths), jnp.maximum(by_length, 0.0), jnp.inf)
+    return jnp.minimum(lifted(highest, lengths), by_length)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command, Report
-from tensegrity_mj.engines.jax.arrays import ArrayLaw
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, mapped
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -63,10 +63,11 @@ def policy_law(law: ArrayPolicy, structure: Structure) -> ArrayLaw:
     Raises:
         OptionError: when it is traced, where it returns another shape than (M,).
     """
-    count, mapped = len(structure.strings), jax.vmap(law.function, (None, None, -1, -1), -1)
+    count = len(structure.strings)
+    function = mapped(law.function, law.parameters)
 
     def command(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        u = (law.function if x.ndim == 2 else mapped)(p, t, x, v)
+        u = function(p, t, x, v)
         if jnp.shape(u) != (count, *x.shape[2:]):
             raise OptionError(
                 f"law {law.name}: it returned shape {jnp.shape(u)}; it must return ({count},), a value a string"

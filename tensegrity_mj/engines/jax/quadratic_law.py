@@ -17,7 +17,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import check_made_for
 from tensegrity_mj.engines.jax.allocation import least_norm, least_squares
 from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, lifted, times
-from tensegrity_mj.engines.jax.belief import Belief
+from tensegrity_mj.engines.jax.belief import Belief, ceilings
 from tensegrity_mj.model.structure import Structure
 
 
@@ -93,21 +93,12 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
             u, margin = least_squares(f, alpha)
         else:
             floor = lifted(p["minimum_force_density"], f) if bounded else jnp.zeros_like(f)
-            u, margin = least_norm(f, alpha, floor, _ceilings(limits, lengths), capped, law.norm)
+            u, margin = least_norm(
+                f, alpha, floor, jnp.where(lifted(capped, f), ceilings(limits, lengths), 0.0), capped, law.norm
+            )
         return u, jnp.stack([margin, V, error, velocity, jnp.full_like(V, jnp.nan)])
 
     return ArrayLaw(parameters, command)
-
-
-def _ceilings(limits: Any, lengths: Any) -> Any:
-    """c = min(u_max, max(k (1 - L0_min/L), 0)) (M, ...), 0 where there is none."""
-    highest, shortest = limits.max_force_density, limits.min_rest_length
-    of_state, fixed = np.isfinite(shortest), np.isfinite(highest)
-    k = lifted(limits.structure.stiffness, lengths)
-    found = lifted(np.where(fixed, highest, 0.0), lengths)
-    by_length = jnp.maximum(k * (1.0 - lifted(np.where(of_state, shortest, 0.0), lengths) / lengths), 0.0)
-    both = jnp.where(lifted(fixed, lengths), jnp.minimum(found, by_length), by_length)
-    return jnp.where(lifted(of_state, lengths), both, found)
 
 
 def _gain(matrices: Array, sizes: Array) -> Any:

@@ -19,7 +19,7 @@ from tensegrity_mj.model.target import Target
 
 # (p, t) -> points (P, 3, ...) [m], directions (R, 3, ...): p is the target's array, see `array_target`.
 Aim = Callable[[Any, Any], tuple[Any, Any]]
-TURN = 1e-14  # sine of the angle between two waypoints below which a rod does not turn
+STRAIGHT = 1e-7  # sine of an angle below which its great circle is a straight line, to the square of it
 
 
 def array_target(target: Target, points: Array, spans: Array) -> tuple[Array, Aim]:
@@ -81,7 +81,8 @@ def _turned(start: Any, end: Any, s: Any) -> Any:
     cosine = jnp.sum(start * end, axis=1, keepdims=True)
     side = end - cosine * start
     square = jnp.sum(side**2, axis=1, keepdims=True)
-    turns = square > TURN**2
+    turns = square > STRAIGHT**2
     sine = jnp.sqrt(jnp.where(turns, square, 1.0))
     angle = jnp.where(turns, jnp.arctan2(sine, cosine), 0.0) * s
-    return jnp.cos(angle) * start + jnp.sin(angle) * side / sine
+    line = start + s * (end - start)  # which has derivatives by both ends where these are one
+    return jnp.where(turns, jnp.cos(angle) * start + jnp.sin(angle) * side / sine, line)
