@@ -105,6 +105,17 @@ def test_shipped_scenes(name):
     assert assert_agrees(from_scene(scene), states) == len(states)
 
 
+def test_what_is_known_of():
+    """Water, whose added mass rods answer forces with, a load and viscous forces."""
+    scene = tmj.load_scene("shape_control")
+    known = (scene.water, tmj.model.Load("n1", (1.0, -2.0, 0.5), 3.0), tmj.model.Resistance(viscous=0.5))
+    law = Lyapunov(scene.structure, scene.target, gravity=scene.gravity, known=known, minimum_force_density=20.0)
+    run = tmj.simulate(scene, from_scene(scene), tmj.DAE(), duration=1.0, output_interval=0.5)
+    rows = list(zip(run.time, run.nodes, run.velocities, strict=True))[1:]  # not at rest at the target
+    states = [(t, x, s * v) for t, x, v in rows for s in (-1.0, 1.0)]
+    assert assert_agrees(law, states)
+
+
 def test_ceilings_of_the_state_and_strings_over_pulleys():
     scene = ringed()
     structure = scene.structure.with_strings(min_rest_length=0.05)
