@@ -31,6 +31,7 @@ VARIABLES = {
     "nodes": (("time", "node", "axis"), ("m", "metres", "meters")),
     "velocities": (("time", "node", "axis"), ("m/s", "m s-1")),
     "tensions": (("time", "string"), ("N", "newton")),
+    "lengths": (("time", "string"), ("m", "metres", "meters")),
 }
 
 
@@ -169,13 +170,16 @@ def _read_netcdf(source: Path) -> dict[str, Any]:
                 "nodes (time, node, axis)"
             )
         values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
-        pulls = zip(_names(held["string"]), values["tensions"].T, strict=True) if "tensions" in values else ()
-        tensions, nodes = dict(pulls), _names(held["node"])
+        of_strings = {
+            name: dict(zip(_names(held["string"]), values[name].T, strict=True)) if name in values else {}
+            for name in ("tensions", "lengths")
+        }
+        nodes = _names(held["node"])
         step = file.attrs.get("step")
         if step is None and "scene" in file.attrs:  # a run of ours, which says what it was computed with
             step = from_exact_json(str(file.attrs["provenance"])).get("engine", {}).get("timestep")
     moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
-    return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved, "header": {"step": step}}
+    return {"time": values["time"], "nodes": nodes, **of_strings, **moved, "header": {"step": step}}
 
 
 def _variable(source: Path, variable: Any, dimensions: tuple[str, ...], units: tuple[str, ...]) -> Array:

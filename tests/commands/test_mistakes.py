@@ -63,6 +63,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "sweep prism --vary law.decay_rte=1,2 --out s": ("'decay_rte'", "did you mean 'decay_rate'?"),
     "sweep prism --vary law.decay_rate= --out s": ("--vary law.decay_rate=", "write PATH=VALUE"),
     "sweep prism --vary rods=1:2 --out s": ("no kind of parameter 'rods'", "allowed: family, structure"),
+    "identify prism --data text.nc --parameter structure.strings.stiffness": ("text.nc", "not a readable trajectory"),
+    "identify prism --data x.csv": ("--parameter: missing", "identify --help"),
     "validate tbar --out s": ("scene 'tbar' names no control law", "choose one of"),
     "reproduce 9.9": ("figure '9.9'", "5.4"),
     "demo --scene tbar": ("scene 'tbar' has no control law", "choose one that has"),

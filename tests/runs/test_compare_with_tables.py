@@ -98,6 +98,14 @@ def test_what_is_no_table_is_refused_with_the_line(text: str, message: str, tmp_
         read_table(written(tmp_path / "x.csv", text))
 
 
+def test_a_table_of_strings_alone_has_no_nodes(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path / "x.csv", "time,s1.length,s1.tension,s1.rest_length\n0,1,2,3\n0.5,,4,5\n"))
+    assert table.nodes == ()
+    assert np.array_equal(table.lengths["s1"], [1.0, np.nan], equal_nan=True)
+    assert np.array_equal(table.tensions["s1"], [2.0, 4.0])
+    assert table.lengths.keys() == table.tensions.keys() == {"s1"}
+
+
 def test_what_is_no_path_is_refused() -> None:
     for path in (3, None):
         with pytest.raises(FormatError, match=f"{path}: that is no path; give the name of a table's .csv or .nc file"):
@@ -109,13 +117,19 @@ def test_a_netcdf_table_is_read_as_xarray_and_others_write_it(tmp_path: Path) ->
     places[3, 1] = np.nan
     coordinates = {"time": time, "node": ["m", "h"], "string": ["s1"]}
     data = xarray.Dataset(
-        {"nodes": (("time", "node", "axis"), places), "tensions": (("time", "string"), np.ones((5, 1)))}, coordinates
+        {
+            "nodes": (("time", "node", "axis"), places),
+            "tensions": (("time", "string"), np.ones((5, 1))),
+            "lengths": (("time", "string"), np.full((5, 1), 2.0)),
+        },
+        coordinates,
     )
     data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")  # with NaN for what is missing, as xarray does it
     table = read_table(tmp_path / "a.nc")
     assert table.nodes == ("m", "h")
     assert np.array_equal(table.positions, places, equal_nan=True)
     assert np.array_equal(table.tensions["s1"], np.ones(5))
+    assert np.array_equal(table.lengths["s1"], np.full(5, 2.0))
     del coordinates["string"]
     characters = xarray.Dataset({"nodes": (("time", "node", "axis"), places)}, coordinates)
     characters["node"] = ("node", np.array([b"m", b"hh"], "S2"))  # rows of characters, as MATLAB writes them

@@ -20,7 +20,7 @@ from tensegrity_mj.studies.identification.predictions import Predictions
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Data = dict[str, Any]
-TOLERANCE = 1e-10  # relative change of parameters or of the sum of squares at which a fit ends
+TOLERANCE = 1e-8  # relative change of parameters or of the sum of squares: of n numbers, √(n 1e-8) deviations are left
 MOST_RUNS = 200
 
 
