@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, INSTALLED, JOINED_CONTACT_LIMIT
+from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, JOINED_CONTACT_LIMIT
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
@@ -101,7 +101,7 @@ def engines_for(scene: Scene) -> list[str]:
     return [
         name
         for name, row in ENGINES.items()
-        if name in INSTALLED and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
+        if not row.extra and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
     ]
 
 

@@ -203,7 +203,11 @@ ENGINES = {
         extra="jax",
     ),
 }
-INSTALLED = tuple(name for name, row in ENGINES.items() if not row.extra)  # with the package
+
+
+def installed() -> tuple[str, ...]:
+    """The names of the engines that come with the package, without an extra."""
+    return tuple(name for name, row in ENGINES.items() if not row.extra)
 
 
 def engine_class(name: str) -> Any:

@@ -234,7 +234,7 @@ class Model:
         accelerations = system.nodes(found, moved)
         if alphas is not None:
             answer = self._answer(alphas, x, accelerations)
-            lost = lost - jnp.sum(answer * v, axis=(0, 1))
+            given = given + jnp.sum(answer * v, axis=(0, 1))
             reactions = reactions - times(system.maps.T, answer)
         if not system.still:  # what moves supports and fixed nodes gives their reactions' work
             given = given + jnp.sum(reactions * lifted(prescribed[1].vectors, y, 2), axis=(0, 1))

@@ -10,7 +10,7 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, item_of, refused, value
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.kinds import Kind
-from tensegrity_mj.engines.table import INSTALLED
+from tensegrity_mj.engines.table import ENGINES, installed
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
 
@@ -50,7 +50,7 @@ class TradeoffOptions:
 
     Attributes:
         loops: open, closed or both.
-        engines: names of `engines.table.INSTALLED`; all by default.
+        engines: names of `engines.table.ENGINES`; all that come with the package by default.
         actuations: of the closed loop.
         periods: between control samples [s], of the held actuations.
         families: words such as "RK4" or "DAE DOP853", of which a setting's family must contain one; none: all.
@@ -62,7 +62,7 @@ class TradeoffOptions:
     """
 
     loops: tuple[Loop, ...] = field(_some(Loop, kinds.choice(Loop)), default=tuple(Loop))
-    engines: tuple[str, ...] = field(_some(INSTALLED, kinds.text()), default=INSTALLED)
+    engines: tuple[str, ...] = field(_some(ENGINES, kinds.text()), factory=installed)
     actuations: tuple[Mode, ...] = field(_some(Mode, kinds.choice(Mode)), default=tuple(Mode))
     periods: tuple[float, ...] = field(_falling("s"), default=PERIODS)
     families: tuple[str, ...] = field(kinds.many(kinds.printable_name("a text such as 'RK4'"), "texts"), default=())

@@ -15,7 +15,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.requirements import engines_for, only_one
-from tensegrity_mj.engines.table import ENGINES, INSTALLED
+from tensegrity_mj.engines.table import ENGINES, installed
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
@@ -160,7 +160,7 @@ validate = function_of(Validate)
 def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
     able = engines_for(scene)
     if len(able) != 1:
-        return names_from("engines", INSTALLED if given is None else given, tuple(ENGINES))
+        return names_from("engines", installed() if given is None else given, tuple(ENGINES))
     names = names_from("engines", able if given is None else given, tuple(ENGINES))
     others = [name for name in names if name not in able]
     if others:
