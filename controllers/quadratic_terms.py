@@ -21,12 +21,23 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.gains import GAINS
-from tensegrity_mj.dynamics.kernels import rod_accelerations, wet_rod_accelerations
+from tensegrity_mj.dynamics.kernels import place_ends, rod_accelerations, wet_rod_accelerations
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.pointers import floats, inlined
 from tensegrity_mj.dynamics.native.strings import share, string_length
-from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import (
+    ZERO,
+    apply,
+    apply_transposed,
+    dot,
+    minus,
+    plus,
+    put,
+    row_of,
+    times,
+    vector,
+)
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import Aim, point_target, rod_target, standing_at
@@ -126,10 +137,8 @@ def quadratic_terms(
     status, V_error, V_velocity, beta = SOLVED, 0.0, 0.0, 0.0
     g, target = vector(known.gravity), Aim(known.target)
     still = standing_at(t, target)
-    r_aim, b_aim = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
     for n in range(len(nodes)):
-        for k in range(3):
-            influence[n, k] = 0.0
+        put(influence, n, ZERO)
     added = floats(0, (len(rods), 4))
     if effects != 0:
         added = floats(pushed.ctypes.data + 24 * len(nodes), (len(rods), 4))
@@ -139,14 +148,12 @@ def quadratic_terms(
         first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)
         b = times(rod.per_length, minus(row_of(nodes, rod.j), first))
         b_rate = times(rod.per_length, minus(row_of(velocities, rod.j), first_rate))
-        back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+        back = rod.sigma * rod.length
         if still >= 0:
             r_d, b_d = row_of(known.standing[still, a], 0), row_of(known.standing[still, a], 1)
             r_d_rate = r_d_acc = b_d_rate = b_d_acc = ZERO
         else:
-            rod_target(rod, t, target, r_aim, b_aim)
-            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
-            b_d, b_d_rate, b_d_acc = row_of(b_aim, 0), row_of(b_aim, 1), row_of(b_aim, 2)
+            (r_d, r_d_rate, r_d_acc), (b_d, b_d_rate, b_d_acc) = rod_target(rod, t, target)
         e, rate = minus(b, b_d), minus(b_rate, b_d_rate)
         if known.kind == PLAIN:
             error, velocity, gamma, c_b = _quadratic(gain.scalars_b, gain.Xb, gain.Yb, gain.Zb, e, rate, rate)
@@ -180,25 +187,20 @@ def quadratic_terms(
             r_c, b_c = wet_rod_accelerations(rod, b, 0.0, c_z, c_b, own)
         turning = dot(b_rate, b_rate) / dot(b, b)
         beta += rod.mass * dot(r_c, g) + rod.f * dot(b_c, g) + turning * (rod.f * dot(r_c, b) - dot(c_b, b))
-        at_i, at_j = minus(r_c, times(back, b_c)), plus(r_c, times(ahead, b_c))
-        for k in range(3):
-            influence[rod.i, k], influence[rod.j, k] = at_i[k], at_j[k]
+        place_ends(rod, r_c, b_c, influence)
     for a in range(len(points)):
         point, gain = points[a], gains[len(rods) + a]
         if still >= 0:
             r_d = row_of(known.standing[still, len(rods) + a], 0)
             r_d_rate = r_d_acc = ZERO
         else:
-            point_target(point, t, target, r_aim)
-            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
+            r_d, r_d_rate, r_d_acc = point_target(point, t, target)
         e, rate = minus(row_of(nodes, point.node), r_d), minus(row_of(velocities, point.node), r_d_rate)
         error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
         V_error += error
         V_velocity += velocity
         beta += gamma + dot(c_z, minus(g, r_d_acc))
-        at_i = times(1.0 / point.mass, c_z)
-        for k in range(3):
-            influence[point.node, k] = at_i[k]
+        put(influence, point.node, times(1.0 / point.mass, c_z))
     if effects != 0:
         for n in range(len(nodes)):
             beta += dot(row_of(influence, n), row_of(pushed, n))

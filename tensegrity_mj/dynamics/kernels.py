@@ -18,6 +18,7 @@ from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import (
     ZERO,
+    add,
     apply,
     column_of,
     dot,
@@ -296,9 +297,8 @@ def forces_of_ends(b: Any, own: Any, a1: Any, a2: Any) -> Any:
 @inlined
 def hold(rod: Any, pair: Any, held: Any) -> None:
     """Add the forces of a rod's ends to those on the nodes (N, 3)."""
-    for x in range(3):
-        held[rod.i, x] += pair[0][x]
-        held[rod.j, x] += pair[1][x]
+    add(held, rod.i, pair[0])
+    add(held, rod.j, pair[1])
 
 
 @inlined

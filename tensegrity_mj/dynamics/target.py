@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.kernels import place_ends
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.motion import piece_at
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, over, plus, put, row_of, times
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
 from tensegrity_mj.model.ropes import completed
@@ -65,65 +67,48 @@ def locate(t: float, times: Any) -> tuple[int, float, float, float]:
     return k, s, rate, acc
 
 
-@borrowing
-def along_line(start: Any, end: Any, s: float, rate: float, acc: float, out: Any) -> None:
-    """Position, velocity and acceleration (3, 3) on the straight line from start to end."""
-    for i in range(3):
-        step = end[i] - start[i]
-        out[0, i] = start[i] + s * step
-        out[1, i] = rate * step
-        out[2, i] = acc * step
+@inlined
+def along_line(start: Any, end: Any, s: float, rate: float, acc: float) -> Any:
+    """Position, velocity and acceleration on the straight line from start to end."""
+    step = minus(end, start)
+    return plus(start, times(s, step)), times(rate, step), times(acc, step)
 
 
 @borrowing
-def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, out: Any) -> None:
+def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float) -> Any:
     """The same for a unit vector turning from start to end (not opposite to it) on the great circle."""
-    dot = start[0] * end[0] + start[1] * end[1] + start[2] * end[2]
-    side = floats(stack_doubles(3), (3,))
-    square = 0.0
-    for i in range(3):
-        side[i] = end[i] - dot * start[i]
-        square += side[i] * side[i]
-    sine = np.sqrt(square)
+    cosine = dot(start, end)
+    side = minus(end, times(cosine, start))
+    sine = np.sqrt(dot(side, side))
     if sine < 1e-14:
-        for i in range(3):
-            out[0, i], out[1, i], out[2, i] = start[i], 0.0, 0.0
-        return
-    angle = np.arctan2(sine, dot)
+        return start, ZERO, ZERO
+    angle = np.arctan2(sine, cosine)
     phi, phi_rate, phi_acc = s * angle, rate * angle, acc * angle
-    cos, sin = np.cos(phi), np.sin(phi)
-    for i in range(3):
-        e = side[i] / sine
-        tangent = cos * e - sin * start[i]
-        out[0, i] = cos * start[i] + sin * e
-        out[1, i] = phi_rate * tangent
-        out[2, i] = phi_acc * tangent - phi_rate * phi_rate * out[0, i]
+    cos, sin, e = np.cos(phi), np.sin(phi), over(side, sine)
+    tangent, b = minus(times(cos, e), times(sin, start)), plus(times(cos, start), times(sin, e))
+    return b, times(phi_rate, tangent), minus(times(phi_acc, tangent), times(phi_rate * phi_rate, b))
 
 
 @borrowing
-def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
-    """Position, velocity and acceleration (3, 3) of a node of a curve from its first to before its last time."""
-    times, quintics, shapes = target.times, target.quintics, target.shapes
-    k = piece_at(t, times, 0, len(times))
-    tau = t - times[k]
+def _along_curve(t: float, target: Any, node: int) -> Any:
+    """Position, velocity and acceleration of a node of a curve from its first to before its last time."""
+    moments, quintics, shapes = target.times, target.quintics, target.shapes
+    k = piece_at(t, moments, 0, len(moments))
+    tau = t - moments[k]
     x, rate, acc = 0.0, 0.0, 0.0  # of the scaled parameter, by Horner
     for power in range(5, -1, -1):
         acc = acc * tau + 2.0 * rate
         rate = rate * tau + x
         x = x * tau + quintics[k, power]
-    for i in range(3):
-        out[0, i], out[1, i], out[2, i] = 0.0, 0.0, 0.0
+    place, velocity, acceleration = ZERO, ZERO, ZERO
     # Chebyshev polynomials with two derivatives: T_n = 2 x T_{n-1} - T_{n-2}, differentiated.
     T, dT, ddT = 1.0, 0.0, 0.0
     back, d_back, dd_back = x, 1.0, 0.0  # T_{-1} = T_1 = x starts the recurrence with T_1 = 2 x T_0 - T_{-1}
     for p in range(len(shapes)):
-        first = dT * rate
-        second = ddT * rate * rate + dT * acc
-        for i in range(3):
-            c = shapes[p, node, i]
-            out[0, i] += c * T
-            out[1, i] += c * first
-            out[2, i] += c * second
+        c = row_of(shapes[p], node)
+        place = plus(place, times(T, c))
+        velocity = plus(velocity, times(dT * rate, c))
+        acceleration = plus(acceleration, times(ddT * rate * rate + dT * acc, c))
         T, dT, ddT, back, d_back, dd_back = (
             2.0 * x * T - back,
             2.0 * (T + x * dT) - d_back,
@@ -132,6 +117,7 @@ def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
             dT,
             ddT,
         )
+    return place, velocity, acceleration
 
 
 @inlined
@@ -140,54 +126,44 @@ def _moves_on_curve(t: float, target: Any) -> bool:
     return len(target.shapes) > 0 and target.times[0] <= t < target.times[-1]
 
 
-@borrowing
-def _unit_with_derivatives(v: Any, b: Any) -> None:
-    """b = v/‖v‖ with two derivatives (3, 3), from v with two derivatives."""
-    square, dot, more = 0.0, 0.0, 0.0
+@inlined
+def _unit_with_derivatives(v: Any, v_rate: Any, v_acc: Any) -> Any:
+    """v/‖v‖ with two derivatives, from v with two derivatives."""
+    length = np.sqrt(dot(v, v))
+    b = over(v, length)
+    along, more = dot(b, v_rate), 0.0
+    b_rate = over(minus(v_rate, times(along, b)), length)
     for i in range(3):
-        square += v[0, i] * v[0, i]
-    length = np.sqrt(square)
-    for i in range(3):
-        b[0, i] = v[0, i] / length
-        dot += b[0, i] * v[1, i]
-    for i in range(3):
-        b[1, i] = (v[1, i] - dot * b[0, i]) / length
-        more += b[1, i] * v[1, i] + b[0, i] * v[2, i]
+        more += b_rate[i] * v_rate[i] + b[i] * v_acc[i]
     # d/dt of ℓ ḃ = v̇ - (bᵀv̇) b, with ℓ̇ = bᵀv̇.
-    for i in range(3):
-        b[2, i] = (v[2, i] - more * b[0, i] - 2.0 * dot * b[1, i]) / length
+    return b, b_rate, over(minus(minus(v_acc, times(more, b)), times(2.0 * along, b_rate)), length)
+
+
+@inlined
+def _between(rod: Any, first: Any, second: Any) -> Any:
+    """r of a rod between these places of its nodes, or its rate from theirs."""
+    return plus(times(1.0 - rod.sigma, first), times(rod.sigma, second))
 
 
 @borrowing
-def _rod_on_curve(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
-    work = floats(stack_doubles(27), (3, 3, 3))
-    first, second, along = work[0], work[1], work[2]
-    _along_curve(t, target, rod.i, first)
-    _along_curve(t, target, rod.j, second)
-    for order in range(3):
-        for i in range(3):
-            r[order, i] = (1.0 - rod.sigma) * first[order, i] + rod.sigma * second[order, i]
-            along[order, i] = second[order, i] - first[order, i]
-    _unit_with_derivatives(along, b)
+def _rod_on_curve(rod: Any, t: float, target: Any) -> Any:
+    x1, v1, a1 = _along_curve(t, target, rod.i)
+    x2, v2, a2 = _along_curve(t, target, rod.j)
+    r = _between(rod, x1, x2), _between(rod, v1, v2), _between(rod, a1, a2)
+    return r, _unit_with_derivatives(minus(x2, x1), minus(v2, v1), minus(a2, a1))
 
 
 @borrowing
-def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
-    """r and b of a rod's target (an `Aim`) with two derivatives each, (3, 3)."""
+def rod_target(rod: Any, t: float, target: Any) -> Any:
+    """r and b of a rod's target (an `Aim`), each with two derivatives."""
     if _moves_on_curve(t, target):
-        _rod_on_curve(rod, t, target, r, b)
-        return
-    times, nodes = target.times, target.nodes
-    k, s, rate, acc = locate(t, times)
-    m = min(k + 1, len(times) - 1)
+        return _rod_on_curve(rod, t, target)
+    k, s, rate, acc = locate(t, target.times)
+    r, b = _rod_at(rod, target.nodes[k])
     if rate == 0.0 and s == 0.0:
-        _standing_target(rod, nodes[k], r, b)
-        return
-    ends = floats(stack_doubles(12), (2, 2, 3))
-    for w in range(2):
-        _rod_at(rod, nodes[k if w == 0 else m], ends[w, 0], ends[w, 1])
-    along_line(ends[0, 0], ends[1, 0], s, rate, acc, r)
-    along_great_circle(ends[0, 1], ends[1, 1], s, rate, acc, b)
+        return (r, ZERO, ZERO), (b, ZERO, ZERO)
+    r_next, b_next = _rod_at(rod, target.nodes[min(k + 1, len(target.times) - 1)])
+    return along_line(r, r_next, s, rate, acc), along_great_circle(b, b_next, s, rate, acc)
 
 
 @inlined
@@ -212,36 +188,22 @@ def standing_targets(rods: Any, points: Any, target: Table) -> Array:
     return out
 
 
-@borrowing
-def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
-    _rod_at(rod, nodes, r[0], b[0])
-    for i in range(3):
-        r[1, i], r[2, i], b[1, i], b[2, i] = 0.0, 0.0, 0.0, 0.0
+@inlined
+def _rod_at(rod: Any, nodes: Any) -> tuple[Any, Any]:
+    """r and b of a rod between nodes (N, 3)."""
+    first, second = row_of(nodes, rod.i), row_of(nodes, rod.j)
+    b = minus(second, first)
+    return _between(rod, first, second), over(b, np.sqrt(dot(b, b)))
 
 
 @borrowing
-def _rod_at(rod: Any, nodes: Any, r: Any, b: Any) -> None:
-    """r and b (3,) of a rod between nodes (N, 3)."""
-    length = 0.0
-    for i in range(3):
-        first, second = nodes[rod.i, i], nodes[rod.j, i]
-        r[i] = (1.0 - rod.sigma) * first + rod.sigma * second
-        b[i] = second - first
-        length += b[i] * b[i]
-    for i in range(3):
-        b[i] /= np.sqrt(length)
-
-
-@borrowing
-def point_target(point: Any, t: float, target: Any, r: Any) -> None:
-    """Position of a point mass' target with two derivatives, (3, 3)."""
+def point_target(point: Any, t: float, target: Any) -> Any:
+    """Position of a point mass' target with two derivatives."""
     if _moves_on_curve(t, target):
-        _along_curve(t, target, point.node, r)
-        return
-    times, nodes = target.times, target.nodes
-    k, s, rate, acc = locate(t, times)
-    m = min(k + 1, len(times) - 1)
-    along_line(nodes[k, point.node], nodes[m, point.node], s, rate, acc, r)
+        return _along_curve(t, target, point.node)
+    k, s, rate, acc = locate(t, target.times)
+    m = min(k + 1, len(target.times) - 1)
+    return along_line(row_of(target.nodes[k], point.node), row_of(target.nodes[m], point.node), s, rate, acc)
 
 
 _Places, _pack_places = view_of(
@@ -262,18 +224,12 @@ _Places, _pack_places = view_of(
 def _target_nodes(table):  # type: ignore[no-untyped-def]
     own = _Places(table)
     target, out = Aim(own.target), own.nodes
-    r, b = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
     for n in range(own.count):
         for a in range(own.rod_count):
-            rod = own.rods[a]
-            rod_target(rod, own.times[n], target, r, b)
-            for i in range(3):
-                out[n, rod.i, i] = r[0, i] - rod.sigma * rod.length * b[0, i]
-                out[n, rod.j, i] = r[0, i] + (1.0 - rod.sigma) * rod.length * b[0, i]
+            r, b = rod_target(own.rods[a], own.times[n], target)
+            place_ends(own.rods[a], r[0], b[0], out[n])
         for a in range(own.point_count):
-            point_target(own.points[a], own.times[n], target, r)
-            for i in range(3):
-                out[n, own.points[a].node, i] = r[0, i]
+            put(out[n], own.points[a].node, point_target(own.points[a], own.times[n], target)[0])
     return 0
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.vectors import minus, plus, row_of, times
 from tensegrity_mj.runs.segments import closest
 
 Ends = tuple[int, int, int, int]
@@ -58,11 +59,8 @@ def point(P: Array, V: Array, n: int, k: int, h: float, x: float) -> tuple[float
     y = 1.0 - x
     p0, p1 = y * y * (1.0 + 2.0 * x), x * x * (3.0 - 2.0 * x)
     v0, v1 = h * x * y * y, -h * x * x * y
-    return (
-        p0 * P[n, k, 0] + p1 * P[n, k + 1, 0] + v0 * V[n, k, 0] + v1 * V[n, k + 1, 0],
-        p0 * P[n, k, 1] + p1 * P[n, k + 1, 1] + v0 * V[n, k, 1] + v1 * V[n, k + 1, 1],
-        p0 * P[n, k, 2] + p1 * P[n, k + 1, 2] + v0 * V[n, k, 2] + v1 * V[n, k + 1, 2],
-    )
+    placed = plus(times(p0, row_of(P[n], k)), times(p1, row_of(P[n], k + 1)))
+    return plus(plus(placed, times(v0, row_of(V[n], k))), times(v1, row_of(V[n], k + 1)))
 
 
 @njit
@@ -71,11 +69,7 @@ def sides(piece: Between, x: float) -> tuple:  # type: ignore[type-arg]
     P, V, ends, k, h = piece
     a, b = point(P, V, ends[0], k, h, x), point(P, V, ends[1], k, h, x)
     c, d = point(P, V, ends[2], k, h, x), point(P, V, ends[3], k, h, x)
-    return (
-        (a[0] - c[0], a[1] - c[1], a[2] - c[2]),
-        (b[0] - a[0], b[1] - a[1], b[2] - a[2]),
-        (d[0] - c[0], d[1] - c[1], d[2] - c[2]),
-    )
+    return minus(a, c), minus(b, a), minus(d, c)
 
 
 @njit

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.vectors import cross, dot
 from tensegrity_mj.runs.least_distance import SHORTEST, asleep
 from tensegrity_mj.runs.moving_segments import (
     Between,
@@ -88,11 +89,9 @@ def height(piece: Between, x: float) -> float:
     Zero where the lines are so nearly parallel that round-off would choose the side.
     """
     w, u, v = sides(piece, x)
-    n0, n1, n2 = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    nn = n0 * n0 + n1 * n1 + n2 * n2
-    uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
-    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    return (w[0] * n0 + w[1] * n1 + w[2] * n2) / sqrt(nn) if nn > PARALLEL**2 * uu * vv else 0.0
+    n = cross(u, v)
+    nn = dot(n, n)
+    return dot(w, n) / sqrt(nn) if nn > PARALLEL**2 * dot(u, u) * dot(v, v) else 0.0
 
 
 @njit

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.vectors import cross, dot, minus, plus, row_of, times
 from tensegrity_mj.errors import OptionError
 
 
@@ -28,30 +29,24 @@ def within(x: float) -> float:
 @njit
 def closest(w: tuple, u: tuple, v: tuple) -> tuple[float, float, float]:  # type: ignore[type-arg]
     """(D, s, t): the least squared distance [m²] of w + s u - t v from zero, and where it is."""
-    uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
-    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    uv = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-    uw = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
-    vw = v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+    uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
     best, s_best, t_best = np.inf, 0.0, 0.0
-    n0, n1, n2 = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    nn = n0 * n0 + n1 * n1 + n2 * n2
+    n = cross(u, v)
+    nn = dot(n, n)
     for case in range(5):
         if case == 0:
             if nn <= 0.0:
                 continue
-            x0, x1, x2 = w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]
-            s = within(-(x0 * n0 + x1 * n1 + x2 * n2) / nn)
-            x0, x1, x2 = w[1] * u[2] - w[2] * u[1], w[2] * u[0] - w[0] * u[2], w[0] * u[1] - w[1] * u[0]
-            t = within(-(x0 * n0 + x1 * n1 + x2 * n2) / nn)
+            s = within(-dot(cross(w, v), n) / nn)
+            t = within(-dot(cross(w, u), n) / nn)
         elif case < 3:
             s = float(case - 1)
             t = within((vw + s * uv) / vv) if vv > 0.0 else 0.0
         else:
             t = float(case - 3)
             s = within((t * uv - uw) / uu) if uu > 0.0 else 0.0
-        x0, x1, x2 = w[0] + s * u[0] - t * v[0], w[1] + s * u[1] - t * v[1], w[2] + s * u[2] - t * v[2]
-        D = x0 * x0 + x1 * x1 + x2 * x2
+        x = minus(plus(w, times(s, u)), times(t, v))
+        D = dot(x, x)
         if best > D:
             best, s_best, t_best = D, s, t
     return best, s_best, t_best
@@ -60,7 +55,7 @@ def closest(w: tuple, u: tuple, v: tuple) -> tuple[float, float, float]:  # type
 @njit
 def _closest_of_all(w: Array, u: Array, v: Array, out: Array) -> None:
     for i in range(len(w)):
-        D, s, t = closest((w[i, 0], w[i, 1], w[i, 2]), (u[i, 0], u[i, 1], u[i, 2]), (v[i, 0], v[i, 1], v[i, 2]))
+        D, s, t = closest(row_of(w, i), row_of(u, i), row_of(v, i))
         out[i, 0], out[i, 1], out[i, 2] = np.sqrt(D), s, t
 
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.native.vectors import put
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import Aim, pack_target, point_target, rod_target, target_nodes
 from tensegrity_mj.errors import FormatError, SceneError
@@ -129,12 +130,17 @@ def parameter(t: float) -> tuple[float, float, float]:
 
 @numba.njit
 def rod_target_at(rod: Any, t: float, aim: int, r: Any, b: Any) -> None:
-    rod_target(rod, t, Aim(aim), r, b)
+    places, directions = rod_target(rod, t, Aim(aim))
+    for order in range(3):
+        put(r, order, places[order])
+        put(b, order, directions[order])
 
 
 @numba.njit
 def point_target_at(point: Any, t: float, aim: int, r: Any) -> None:
-    point_target(point, t, Aim(aim), r)
+    places = point_target(point, t, Aim(aim))
+    for order in range(3):
+        put(r, order, places[order])
 
 
 def test_rods_and_points_have_exact_derivatives() -> None:

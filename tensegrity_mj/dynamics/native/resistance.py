@@ -11,7 +11,7 @@ from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, Motion, NativeElement
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, add, dot, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.elements.resistance import (
     GAUSS_POINTS,
@@ -76,12 +76,6 @@ def pack_bending(element: BendingStiffness | BendingDamping, scene: Scene) -> Na
 
 
 @inlined
-def _add(n: int, force: Any, forces: Any) -> None:
-    for x in range(3):
-        forces[n, x] += force[x]
-
-
-@inlined
 def _normal_drag(factor: float, p: Any, q: Any) -> Any:
     """Forces on the two ends of a rod across which the fluid passes with p + s q, s from 0 to 1."""
     square = dot(q, q)
@@ -119,8 +113,8 @@ def add_fluid(fluid: Any, motion: Any, forces: Any) -> float:
             tangential = times(-0.5 * rod.tangential * abs(slip) * slip, along)
             first, second = plus(first, plus(at_first, tangential)), plus(second, plus(at_second, tangential))
         given += dot(plus(first, second), wind)
-        _add(i, first, forces)
-        _add(j, second, forces)
+        add(forces, i, first)
+        add(forces, j, second)
     return given
 
 
@@ -133,9 +127,9 @@ def add_bending(bent: Any, values: Any, forces: Any) -> None:
         at_a, at_b = joint.inverse[0], joint.inverse[1]
         into, out = minus(row_of(values, n), row_of(values, a)), minus(row_of(values, b), row_of(values, n))
         moment = times(bent.factor, minus(times(at_a, into), times(at_b, out)))
-        _add(a, times(at_a, moment), forces)
-        _add(b, times(at_b, moment), forces)
-        _add(n, times(-at_a - at_b, moment), forces)
+        add(forces, a, times(at_a, moment))
+        add(forces, b, times(at_b, moment))
+        add(forces, n, times(-at_a - at_b, moment))
 
 
 @c_function(ACT_SIGNATURE, "drag and wind")

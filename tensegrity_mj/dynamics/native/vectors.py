@@ -34,6 +34,13 @@ def put(array: Any, n: int, a: Any) -> None:
 
 
 @inlined
+def add(array: Any, n: int, a: Any) -> None:
+    """Add a to row n of an array (n, 3)."""
+    for x in range(3):
+        array[n, x] += a[x]
+
+
+@inlined
 def plus(a: Any, b: Any) -> tuple[float, float, float]:
     """a + b"""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
@@ -61,6 +68,12 @@ def over(a: Any, s: float) -> tuple[float, float, float]:
 def dot(a: Any, b: Any) -> float:
     """aᵀb"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def cross(a: Any, b: Any) -> tuple[float, float, float]:
+    """a × b"""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
-from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
+from tensegrity_mj.dynamics.native.vectors import cross, dot, minus, plus, row_of, times
 
 OF_GAP, OF_RATE = 0.25, 0.875  # see above
 DEPENDENT = 1e-12  # of `scales`, what is left of a row's compliance beside others: squares of singular values
@@ -180,9 +180,3 @@ def drifting(offset: Any, velocity: Any, spin: Any, last: int, axis_rates: Any, 
         d = own.chain[c]
         found = plus(found, times(rates[d], carried_by(axis_rates, d, offset)))
     return found
-
-
-@inlined
-def cross(a: Any, b: Any) -> Any:
-    """a × b"""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -26,6 +26,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import borrowing
+from tensegrity_mj.dynamics.native.vectors import dot
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
@@ -41,15 +42,10 @@ def drive(run: Any, first_stage: bool) -> None:
     moved = run.moved
     for s in range(len(slides)):
         slide = slides[s]
-        forces[slide.dof] = slide.drive * _along(slide.axis, moved[slide.motion, 2])
+        forces[slide.dof] = slide.drive * dot(slide.axis, moved[slide.motion, 2])
         if first_stage and resets:
-            places[slide.place] = _along(slide.axis, moved[slide.motion, 0]) - slide.offset
-            rates[slide.dof] = _along(slide.axis, moved[slide.motion, 1])
-
-
-@borrowing
-def _along(axis: Any, v: Any) -> float:
-    return axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]
+            places[slide.place] = dot(slide.axis, moved[slide.motion, 0]) - slide.offset
+            rates[slide.dof] = dot(slide.axis, moved[slide.motion, 1])
 
 
 @borrowing
@@ -58,7 +54,7 @@ def _momentum(masses: Any, axis: Any, velocities: Any) -> float:
     total = 0.0
     for n in range(len(masses)):
         if masses[n] != 0.0:
-            total += masses[n] * _along(axis, velocities[n])
+            total += masses[n] * dot(axis, velocities[n])
     return total
 
 
@@ -69,7 +65,7 @@ def carried(run: Any) -> float:
     total = 0.0
     for s in range(len(slides)):
         axis = slides[s].axis
-        total += _along(axis, moved[slides[s].motion, 1]) * _momentum(masses[s], axis, velocities)
+        total += dot(axis, moved[slides[s].motion, 1]) * _momentum(masses[s], axis, velocities)
     return total
 
 
@@ -89,13 +85,13 @@ def support_power(run: Any) -> float:
             for p in range(ranges[m, 0], ranges[m, 1]):
                 if reach[s, p] != 0.0:
                     start, end = nodes[pairs[p, 0]], nodes[pairs[p, 1]]
-                    pull = _along(slide.axis, end) - _along(slide.axis, start)
+                    pull = dot(slide.axis, end) - dot(slide.axis, start)
                     force += reach[s, p] * tensions[m] / lengths[p] * pull
         if run.element_count > 0 or run.answering != 0:
             for n in range(len(forces)):
                 if members[s, n] != 0.0:
-                    force += _along(slide.axis, forces[n])
-        rate, change = _along(slide.axis, moved[slide.motion, 1]), _along(slide.axis, moved[slide.motion, 2])
+                    force += dot(slide.axis, forces[n])
+        rate, change = dot(slide.axis, moved[slide.motion, 1]), dot(slide.axis, moved[slide.motion, 2])
         total -= _momentum(masses[s], slide.axis, velocities) * change + force * rate
     return total
 
@@ -105,7 +101,7 @@ def keep_rates(run: Any) -> None:
     """Keep ḋ of this stage until its constraint forces are known."""
     slides, moved = run.driven, run.moved
     for s in range(len(slides)):
-        slides[s].kept = _along(slides[s].axis, moved[slides[s].motion, 1])
+        slides[s].kept = dot(slides[s].axis, moved[slides[s].motion, 1])
     run.awaits_constraints = 1
 
 
@@ -123,7 +119,7 @@ def constraint_work(run: Any, weight: float, one_stage: bool) -> float:
         slide = slides[s]
         rate = slide.kept
         if one_stage:
-            rate = 0.5 * (rate + _along(slide.axis, moved[slide.motion, 1]))
+            rate = 0.5 * (rate + dot(slide.axis, moved[slide.motion, 1]))
         total -= pulls[slide.dof] * rate
     return weight * total
 

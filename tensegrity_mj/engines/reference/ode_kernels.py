@@ -79,8 +79,7 @@ def carry_nodes(t: float, table: int) -> None:
     rods, carried, bases, moved = own.rods, own.carried, own.bases, own.moved
     for a in range(len(carried)):
         if carried[a, 0] >= 0:
-            for k in range(3):
-                rods[carried[a, 0]].anchor[k] = bases[a, k] + moved[a, 0, k]
+            rods[carried[a, 0]].anchor[:] = bases[a] + moved[a, 0]
 
 
 @njit
