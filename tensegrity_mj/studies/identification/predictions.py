@@ -11,9 +11,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.engines.table import engine_settings
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.resampling import resampled
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import simulate
@@ -29,7 +31,7 @@ FINEST = 1e-3  # s between samples of an engine that chooses its steps, where ti
 # What arrays of the differentiable engine have of structures; of a scene they have what changes them.
 DIFFERENTIATED = {
     "strings": ("stiffness", "damping", "rest_length", "tension", "force_density"),
-    "rods": ("mass",),
+    "rods": ("mass", "stiffness", "damping"),
     "point_masses": ("mass",),
 }
 
@@ -61,6 +63,23 @@ class Experiment:
             return draft.plant or draft.scene, self.law
         return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
 
+    def check_slack(self, scene: Scene, tensions: Array) -> None:
+        """Warn of damped strings that come taut in a run with tensions (T, M), where derivatives miss their jumps.
+
+        The instant at which a string comes taut moves with the parameters, and its damper's force jumps there. Fixed
+        steps begin it at the next one, and JAX without a window holds it where it is.
+        """
+        pulls = tensions != 0
+        jumps = np.flatnonzero(pulls.any(axis=0) & ~pulls.all(axis=0) & (scene.structure.damping > 0))
+        fixed = getattr(self.engine, "timestep", None) is not None and not getattr(self.engine, "locate_slack", False)
+        if len(jumps) and (fixed or getattr(self.engine, "spread", None) == 0.0):
+            name, engine = scene.structure.strings[jumps[0]].name, type(self.engine).__name__
+            warn_caller(
+                f"string '{name}' has a damper and comes taut: derivatives by {engine} miss its jump, and estimates "
+                "are biased; use DAE(), MuJoCo(locate_slack=True) or JAX(window=2e-3)",
+                IdentificationWarning,
+            )
+
     @property
     def predictions(self) -> Predictions:
         """Those of the engine."""
@@ -68,12 +87,13 @@ class Experiment:
         return Differentiated(self) if name == "jax" else Differences(self)
 
 
-@dataclass(frozen=True, eq=False)
 class Differences:
     """Predictions of any engine, with central differences."""
 
-    experiment: Experiment
     noise = 1e-5
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment, self._checked = experiment, False
 
     def predict(self, values: Array) -> Array:
         """One run.
@@ -85,6 +105,9 @@ class Differences:
         run = simulate(scene, law, of.engine, duration=duration, actuation=of.actuation, output_interval=interval)
         if run.status is not Status.COMPLETED:
             raise DivergenceError(f"the run ends before the last measurement: {run.message}", float(run.time[-1]), run)
+        if not self._checked:
+            of.check_slack(scene, run.tensions)
+        self._checked = True
         found = resampled(run, of.observation.times).values
         return of.observation.seen(found["nodes"], scene.structure.string_lengths(found["nodes"]), found["tensions"])
 
@@ -145,15 +168,16 @@ class Differentiated:
 
         def seen(arrays: Any) -> Any:
             run = program.run(restored(arrays))
-            return observation.seen(run.nodes, run.lengths, run.tensions)
+            return observation.seen(run.nodes, run.lengths, run.tensions), run.tensions
 
         def along(arrays: Any, changes: Any) -> Any:
-            return jax.vmap(lambda change: jax.jvp(seen, (arrays,), (change,)), out_axes=(None, 0))(changes)
+            one = partial(jax.jvp, seen, (arrays,), has_aux=True)
+            return jax.vmap(lambda change: one((change,)), out_axes=(None, 0, None))(changes)
 
         def arrays(values: Array) -> Array:
             return np.asarray(ravel_pytree(engine.model(*experiment.at(values), **options).parameters)[0])
 
-        self._unknowns, self._arrays, self._along = unknowns, arrays, jax.jit(along)
+        self._experiment, self._unknowns, self._arrays, self._along = experiment, unknowns, arrays, jax.jit(along)
         self._last: tuple[Array, Array, Array] | None = None  # values, predictions, Jacobian
         # Beside the start, where a change may be zero by chance, as that of a slack string's rest length by stiffness.
         beside = np.clip(unknowns.start + 10 * STEP * unknowns.sizes, unknowns.low, unknowns.high)
@@ -174,7 +198,9 @@ class Differentiated:
         """Both by one compiled function: to compile a second one takes as long as many runs."""
         if self._last is None or not np.array_equal(self._last[0], values):
             changes = differences(self._arrays, values, self._unknowns, self._pattern)
-            found, slopes = self._along(self._arrays(values), changes.T)
+            found, slopes, tensions = self._along(self._arrays(values), changes.T)
+            if self._last is None:
+                self._experiment.check_slack(self._experiment.at(values)[0], np.asarray(tensions))
             self._last = values.copy(), np.asarray(found), np.asarray(slopes).T
         return self._last
 
