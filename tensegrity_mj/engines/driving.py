@@ -78,6 +78,18 @@ class Grid:
         return np.asarray(steps * self.step, float)
 
 
+def output_times(request: Request) -> Array:
+    """Of a run without a grid (T,) [s]: multiples of the output interval, and the end."""
+    interval = request.output_interval or DEFAULT_INTERVAL
+    count = int(np.floor(request.duration / interval * (1 + 1e-12)))
+    check_rows(count)
+    times: Array = np.arange(count + 1, dtype=float) * interval
+    if request.duration - times[-1] > 1e-9 * interval:
+        return np.append(times, request.duration)
+    times[-1] = request.duration
+    return times
+
+
 class Stopwatch:
     """Wall time of the integration alone, not of compiling, loading or drawing; that of laws in Python likewise."""
 

@@ -26,7 +26,7 @@ class Request:
     @property
     def sampled(self) -> bool:
         """Whether the law is sampled."""
-        return bool(self.law.address) and self.actuation.mode is not Mode.CONTINUOUS
+        return self.law.own is not None and self.actuation.mode is not Mode.CONTINUOUS
 
 
 class Accelerations(Protocol):

@@ -18,7 +18,7 @@ from linked_scenes import hung
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import ArrayLaw
 from tensegrity_mj.engines.jax.engine import JAX
-from tensegrity_mj.engines.jax.model import REPORTS, Model
+from tensegrity_mj.engines.jax.model import Model
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation
 
@@ -58,7 +58,7 @@ def hanging(**given: Any) -> tmj.Scene:
 
 
 def model_of(scene: tmj.Scene, command: Any, actuation: Actuation, lengths: bool = False) -> Model:
-    law = ArrayLaw({"command": np.array(command)}, lambda p, t, x, v: (p["command"], jnp.zeros(REPORTS)), lengths)
+    law = ArrayLaw({"command": np.array(command)}, lambda p, t, x, v: (p["command"], jnp.full(5, jnp.nan)), lengths)
     return Model(scene, [], law, actuation, 0.0)
 
 

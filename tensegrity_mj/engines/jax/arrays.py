@@ -81,13 +81,10 @@ def norm(vectors: Any, axis: int = 1) -> Any:
     return jax.numpy.where(some, jax.numpy.sqrt(jax.numpy.where(some, square, 1.0)), 0.0)
 
 
-def lifted(array: Any, like: Any, leading: int = 1) -> Any:
-    """An array with as many batches as another one has behind its `leading` dimensions, of size one where it had none.
-
-    So that (M,) and (M, B) broadcast alike with (M, 3, B).
-    """
+def lifted(array: Any, like: Any) -> Any:
+    """An array with as many dimensions as another one, so that (M,) and (M, B) broadcast alike with (M, B)."""
     array = jax.numpy.asarray(array)
-    return array.reshape(array.shape + (1,) * (jax.numpy.ndim(like) - leading - (array.ndim - leading)))
+    return array.reshape(array.shape + (1,) * (jax.numpy.ndim(like) - array.ndim))
 
 
 def mapped(command: Callable[..., Any], parameters: Any) -> Callable[..., Any]:

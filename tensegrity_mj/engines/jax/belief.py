@@ -49,7 +49,7 @@ class Belief:
         at = Prepared({**self._at.parameters, **own}, self._at.mobility)
         system = self._model.system
         y, rates, still = times(system.fit, x), times(system.fit, v), system.prescribed(t)[2]
-        mobility, _ = self._model.mobility(at, t, x)
+        mobility = self._model.mobility(at, t, x)
 
         def accelerate(rates: Any, forces: Any) -> Any:
             return times(system.maps, system.accelerate(mobility, y, rates, forces, still)[0])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,10 +22,9 @@ from tensegrity_mj.runs.trajectory import Trajectory
 if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.engine import JAX
 
-# What runs may differ in: parameters that have a batch.
+# What runs may differ in, beside their starts, and what they may not.
 OF_STRINGS = ("stiffness", "damping", "rest_length", "force_density", "tension")
 SAME = ("gravity", "loads", "breaks", "motions", "resistance", "water", "elements")
-DIFFER = ("nodes", "velocities", "rest_lengths", "stiffness", "damping")
 
 
 class JAXEnsemble:
@@ -33,7 +32,7 @@ class JAXEnsemble:
 
     Attributes:
         options: the engine.
-        members: a run each, which `conclude`s with its trajectory or its error.
+        members: when `run` is done, a run each, which `conclude`s with its trajectory or its error.
         stages: evaluations of the forces a step.
         counters: (S, 2): the second column has the steps.
         seconds: wall time of the integration of all.
@@ -42,65 +41,51 @@ class JAXEnsemble:
     def __init__(self, options: JAX, requests: Sequence[Request]) -> None:
         if options.timestep is None:
             raise OptionError("simulate_many: engine JAX: the steps of many are fixed: use Method.RK4 and a timestep")
-        self.options, self.seconds, self.stages, first = options, 0.0, 4, requests[0]
+        self.options, self.requests, first = options, requests, requests[0]
         for number, request in enumerate(requests):
             if request.law.own is not first.law.own:
                 raise OptionError(f"simulate_many: controllers[{number}] is another law than the first; JAX runs one")
             _check_alike(number, request.scene, first.scene)
-        self.program = Program(options, first)
-        for name in DIFFER:
-            self.program.parameters[name] = np.stack([_value(one.scene, name) for one in requests], axis=-1)
-        self.members = [_Member(self, number, request) for number, request in enumerate(requests)]
+        self.program, self.grid = Program(options, first), Grid.of(first, options.timestep)
+        own = [self.program.model.own_parameters(request.scene) for request in requests]
+        self.program.parameters |= {name: np.stack([one[name] for one in own], axis=-1) for name in own[0]}
         width = self.program.parameters["nodes"].size // len(requests) * 2
         check_rows(float(len(requests)) * len(self.program.times), width)
+        self.members: list[_Member] = []
+        self.stages, self.seconds = self.program.steps.stages, 0.0
         self.counters = np.zeros((len(requests), 2), np.int64)
-        self.rows: Any = None
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of one."""
-        self.rows, cost, _ = self.program.fixed(f"{self.options}, {len(self.members)} runs")
+        rows, cost, _ = self.program.rows(f"{self.options}, {len(self.requests)} runs")
         self.seconds, self.counters[:, 1] = cost["wall_time"], int(cost["steps"])
+        for number, request in enumerate(self.requests):
+            own = Observed(*(one if one.ndim == 1 else one[..., number] for one in rows))
+            self.members.append(_Member(self.options, request, self.grid, own, cost))
 
-    def of(self, number: int) -> Observed:
-        """The rows of one run."""
-        return Observed(*(rows if rows.ndim == 1 else rows[..., number] for rows in self.rows))
 
-
+@dataclass(frozen=True)
 class _Member:
-    """One of the runs."""
+    """One of the runs; of its end, rows of NaN say all."""
 
-    def __init__(self, whole: JAXEnsemble, number: int, request: Request) -> None:
-        self._whole, self._number, self.request = whole, number, request
-
-    @property
-    def grid(self) -> Grid:
-        """Its steps."""
-        return self._whole.program.grid
+    options: JAX
+    request: Request
+    grid: Grid
+    observed: Observed
+    cost: dict[str, float]
+    ended_early: float | None = None
 
     @property
     def rows(self) -> Array:
         """(T, 6N) positions and velocities, NaN behind its end."""
-        own = self._whole.of(self._number)
-        T = len(own.time)
-        found = np.full((len(self.grid.times), 2 * own.nodes[0].size), np.nan)
-        found[:T] = np.concatenate([own.nodes.reshape(T, -1), own.velocities.reshape(T, -1)], axis=1)
+        T = len(self.observed.time)
+        found = np.full((len(self.grid.times), 2 * self.observed.nodes[0].size), np.nan)
+        found[:T] = np.stack([self.observed.nodes, self.observed.velocities], axis=1).reshape(T, -1)
         return found
-
-    @property
-    def ended_early(self) -> float | None:
-        """Its NaN say so."""
-        return None
 
     def conclude(self, seconds: float) -> Trajectory:
         """Its trajectory; it raises what `JAX.run` would."""
-        steps = int(self._whole.counters[self._number, 1])
-        cost = {"wall_time": seconds, "steps": steps, "evaluations": 4 * steps}
-        return trajectory_of(self._whole.options, self.request, self._whole.of(self._number), cost)
-
-
-def _value(scene: Scene, name: str) -> Array:
-    starts = {"nodes": "nodes0", "velocities": "velocities0"}
-    return np.asarray(getattr(scene, starts[name]) if name in starts else getattr(scene.structure, name))
+        return trajectory_of(self.options, self.request, self.observed, self.cost | {"wall_time": seconds})
 
 
 def _check_alike(number: int, scene: Scene, first: Scene) -> None:
@@ -110,9 +95,9 @@ def _check_alike(number: int, scene: Scene, first: Scene) -> None:
     differs = [name for name in SAME if getattr(scene, name) != getattr(first, name)]
     one, other = scene.structure, first.structure
     if one is not other:
-        pairs = zip(one.strings, other.strings, strict=True)
+        pairs = list(zip(one.strings, other.strings, strict=True))
         strings = tuple(replace(b, **{key: getattr(a, key) for key in OF_STRINGS}) for a, b in pairs)
-        if strings != one.strings:
+        if strings != one.strings or any(a.is_constant != b.is_constant for a, b in pairs):
             differs.append("strings (in more than stiffness, damping and how they are taut)")
         elif replace(one, strings=other.strings) != other:
             differs.append("structure")

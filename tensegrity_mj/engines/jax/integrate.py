@@ -1,7 +1,11 @@
-"""Integration of a model: fixed steps of classical Runge-Kutta by scan, or diffrax' Dopri8 with controlled errors."""
+"""Integration of a model: fixed steps of classical Runge-Kutta by scan, or diffrax' Dopri8 with controlled errors.
+
+Either is made in pieces, each of which begins with a state at an instant and gives the state at its end.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -9,23 +13,99 @@ import jax.numpy as jnp
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.engines.driving import Grid
 from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, State
 
+TO_THE_END, GAVE_UP, UNDEFINED = range(3)  # how a piece ended: UNDEFINED where rates are not finite
+SHORTEST = 1e-30  # s, far below round-off of times: to such steps Dopri8 comes where it can go no further
+Split = Callable[[int], list[int]]  # how many rows in which pieces
 
-class Steps(NamedTuple):
-    """Fixed steps.
+
+class Piece(NamedTuple):
+    """A part of a run.
 
     Attributes:
-        step: [s].
-        stride: how many a recorded row.
-        ratio: how many a sample of the law; 0: it is not sampled.
-        breaks: (M,) the number of the step at whose start each string breaks, or None where none does.
+        kind: what its compiled function depends on.
+        given: the arguments of that function beside the state.
+        kept: which of its rows are recorded, that of its start being the first.
+        end: [s].
     """
 
-    step: float
-    stride: int
-    ratio: int
-    breaks: IntArray | None
+    kind: tuple[int, ...]
+    given: Any
+    kept: Any
+    end: float
+
+
+class Advanced(NamedTuple):
+    """What becomes of a piece: the state at its end, what is observed from its start on, steps, and how it ended."""
+
+    state: State
+    held: Held
+    rows: Observed
+    steps: Any
+    ended: Any
+
+
+class FixedSteps:
+    """Steps of classical Runge-Kutta on a grid, on which strings break at times (M,), ∞ for never."""
+
+    stages = 4
+
+    def __init__(self, grid: Grid, breaks: Array) -> None:
+        self.grid, self.times = grid, grid.times
+        within = breaks <= self.times[-1] * (1 + 1e-12)
+        # The number of the step at whose start each string breaks.
+        steps = np.round(np.where(within, breaks, 0.0) / grid.step)
+        self.breaks: IntArray | None = np.where(within, steps, 2**53).astype(np.int64) if within.any() else None
+
+    def pieces(self, split: Split) -> list[Piece]:
+        """Of as many rows as `split` says; a shorter last row is a piece of its own."""
+        rows, rest = divmod(self.grid.count, self.grid.stride)
+        found, first = [], 0
+        for kind in [(size, self.grid.stride) for size in split(rows)] + [(1, rest)] * (rest > 0):
+            end = first + kind[0] * kind[1]
+            found.append(Piece(kind, first, slice(min(first, 1), None), end * self.grid.step))
+            first = end
+        return found
+
+    def advance(
+        self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, first: Any
+    ) -> Advanced:
+        """So many rows of so many steps from number `first` on.
+
+        Derivatives backwards keep the states of rows alone, and take the steps of one row at a time again.
+        """
+        (rows, stride), h, ratio = kind, self.grid.step, self.grid.ratio
+
+        def whole_at(number: Any) -> Any:
+            return model.whole if self.breaks is None else (self.breaks > number).astype(float)
+
+        def take(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], None]:
+            state, held = carry
+            t, whole = (number + 1) * h, whole_at(number + 1)
+            state = model.step(at, number * h, h, state, held, whole_at(number))
+            if self.breaks is not None:
+                state = model.lose(at, t, state, held, whole_at(number), whole)
+            if ratio:
+                again = lambda pair: model.sample(at, t, pair[0], pair[1], whole)  # noqa: E731
+                state, held = jax.lax.cond((number + 1) % ratio == 0, again, lambda pair: pair, (state, held))
+            return (state, held), None
+
+        @jax.checkpoint
+        def row(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], tuple[State, Held]]:
+            carry, _ = jax.lax.scan(take, carry, number + jnp.arange(stride))
+            return carry, carry
+
+        @jax.checkpoint
+        def observe(moment: tuple[Any, State, Held]) -> Observed:
+            number, state, held = moment
+            return model.evaluate(at, number * h, state, held, whole_at(number))[1]
+
+        numbers = first + stride * jnp.arange(rows + 1)
+        last, later = jax.lax.scan(row, (state, held), numbers[:-1])
+        observed = jax.lax.map(observe, (numbers, *_after((state, held), later)))
+        return Advanced(last[0], last[1], observed, rows * stride, TO_THE_END)
 
 
 class Tolerances(NamedTuple):
@@ -38,87 +118,76 @@ class Tolerances(NamedTuple):
     adjoint: Any
 
 
-def fixed_steps(
-    model: Model, at: Prepared, state: State, held: Held, first: Any, rows: int, steps: Steps
-) -> tuple[State, Held, Observed]:
-    """`rows` times `stride` steps from number `first` on, and what is observed after each row.
+class ControlledSteps:
+    """Steps of Dopri8, recorded at times (T,), anew from where strings break, at times (M,), ∞ for never."""
 
-    Derivatives backwards keep the states of rows alone, and take the steps of one row at a time again.
-    """
-    h = steps.step
+    stages = 13
 
-    def whole_at(number: Any) -> Any:
-        return model.whole if steps.breaks is None else (steps.breaks > number).astype(float)
+    def __init__(self, times: Array, breaks: Array, tolerances: Tolerances) -> None:
+        near = times[np.argmin(np.abs(times - breaks[:, None]), axis=1)]
+        # The very float of a recorded time where they coincide, so that no sliver of a step lies between.
+        self.breaks = np.where(np.abs(near - breaks) <= 1e-12 * near, near, breaks)
+        self.times, self.tolerances = times, tolerances
 
-    def take(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], None]:
-        state, held = carry
-        state = model.step(at, number * h, h, state, held, whole_at(number))
-        if steps.breaks is not None:
-            state = model.lose(at, (number + 1) * h, state, held, whole_at(number), whole_at(number + 1))
-        if steps.ratio:
-            t, due = (number + 1) * h, (number + 1) % steps.ratio == 0
-            again = lambda pair: model.sample(at, t, pair[0], pair[1], whole_at(number + 1))  # noqa: E731
-            state, held = jax.lax.cond(due, again, lambda pair: pair, (state, held))
-        return (state, held), None
+    def pieces(self, split: Split) -> list[Piece]:
+        """Of as many of the times as `split` says, and where strings break another one."""
+        found, start, before = [], 0.0, self.breaks > 0
+        ends = np.unique([*self.breaks[before & (self.breaks <= self.times[-1])], self.times[-1]])
+        if ends[-1] in self.breaks:  # what breaks at the end is recorded as broken
+            ends = np.append(ends, np.nextafter(ends[-1], np.inf))
+        for end in ends:
+            inside = self.times[(self.times > start) & (self.times < end)]
+            marks, whole, first = np.array([start, *inside, end]), self.breaks > start, 0
+            for size in split(len(marks) - 1):
+                own = marks[first : first + size + 1]
+                # Where strings break, it is the piece behind that is recorded.
+                kept = np.isin(own, self.times) & ((own > own[0]) | (first == 0)) & ((own < end) | (end == ends[-1]))
+                given = own, before.astype(float), whole.astype(float)
+                found.append(Piece((len(own),), given, np.flatnonzero(kept), float(own[-1])))
+                first, before = first + size, whole
+            start = end
+        return found
 
-    @jax.checkpoint
-    def row(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], Observed]:
-        carry, _ = jax.lax.scan(take, carry, number + jnp.arange(steps.stride))
-        last = number + steps.stride
-        return carry, model.evaluate(at, last * h, *carry, whole_at(last))[1]
+    def advance(
+        self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, given: Any
+    ) -> Advanced:
+        """From the first of the times to the others; the energy of what breaks there is lost before."""
+        import diffrax
 
-    numbers = first + steps.stride * jnp.arange(rows)
-    (state, held), observed = jax.lax.scan(row, (state, held), numbers)
-    return state, held, observed
+        (times, before, whole), own = given, self.tolerances
 
+        def rates(t: Any, y: State, at: Prepared) -> State:
+            return model.rates(at, t, y, held, whole)
 
-def controlled_steps(
-    model: Model, at: Prepared, state: State, held: Held, times: Any, whole: Array, tolerances: Tolerances
-) -> tuple[State, Observed, dict[str, Any]]:
-    """From times[0] to the others (T,), what is observed at these, and what it took: `steps`, `failed`."""
-    import diffrax
+        def observe(moment: tuple[Any, State]) -> Observed:
+            return model.evaluate(at, *moment, held, whole)[1]
 
-    def rates(t: Any, y: State, at: Prepared) -> State:
-        return model.rates(at, t, y, held, whole)
-
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(rates),
-        diffrax.Dopri8(),
-        t0=times[0],
-        t1=times[-1],
-        dt0=None,
-        y0=state,
-        args=at,
-        saveat=diffrax.SaveAt(ts=times[1:]),
-        stepsize_controller=diffrax.PIDController(rtol=tolerances.rtol, atol=tolerances.atol, dtmax=tolerances.longest),
-        max_steps=tolerances.most,
-        adjoint=tolerances.adjoint,
-        throw=False,
-    )
-
-    def observe(pair: tuple[Any, State]) -> Observed:
-        return model.evaluate(at, pair[0], pair[1], held, whole)[1]
-
-    observed = jax.lax.map(observe, (times[1:], solution.ys))
-    last = jax.tree.map(lambda x: x[-1], solution.ys)
-    took = {"steps": solution.stats["num_steps"], "failed": solution.result != diffrax.RESULTS.successful}
-    return last, observed, took
-
-
-def one_row(model: Model, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> Observed:
-    """What is observed at one time, with times first."""
-    return jax.tree.map(lambda x: x[None], model.evaluate(at, t, state, held, whole)[1])
+        state = model.lose(at, times[0], state, held, before, whole)
+        controller = diffrax.PIDController(
+            rtol=own.rtol, atol=own.atol, dtmin=SHORTEST, dtmax=own.longest, force_dtmin=False
+        )
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(rates),
+            diffrax.Dopri8(),
+            t0=times[0],
+            t1=times[-1],
+            dt0=None,
+            y0=state,
+            args=at,
+            saveat=diffrax.SaveAt(ts=times[1:]),
+            stepsize_controller=controller,
+            max_steps=own.most,
+            adjoint=own.adjoint,
+            throw=False,
+        )
+        results, result = diffrax.RESULTS, solution.result
+        failed = jnp.where(result == results.dt_min_reached, UNDEFINED, GAVE_UP)
+        ended = jnp.where(result == results.successful, TO_THE_END, failed)
+        rows = jax.lax.map(observe, (times, _after(state, solution.ys)))
+        last = jax.tree.map(lambda x: x[-1], solution.ys)
+        return Advanced(last, held, rows, solution.stats["num_steps"], ended)
 
 
-def joined(parts: list[Observed]) -> Observed:
-    """One after the other."""
-    return jax.tree.map(lambda *pieces: jnp.concatenate(pieces), *parts)
-
-
-def break_steps(times: Array, step: float) -> IntArray | None:
-    """(M,) of the times at which strings break (∞: never), multiples of the step; None where none does."""
-    if not np.isfinite(times).any():
-        return None
-    return np.where(np.isfinite(times), np.round(np.where(np.isfinite(times), times, 0.0) / step), 2**53).astype(
-        np.int64
-    )
+def _after(first: Any, later: Any) -> Any:
+    """Arrays of all instants from those of the first and of the others."""
+    return jax.tree.map(lambda one, more: jnp.concatenate([jnp.asarray(one)[None], more]), first, later)

@@ -1,7 +1,4 @@
-"""A scene, its law and its actuation as pure functions of parameters: rates, steps, what is observed.
-
-`Model.run` is one array function from parameters to a run, for `jax.jit`, `jax.grad` and `jax.jacfwd`.
-"""
+"""A scene, its law and its actuation as pure functions of parameters: rates, steps, what is observed."""
 
 from __future__ import annotations
 
@@ -12,19 +9,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.engines.jax.arrays import ArrayEffect, ArrayLaw, Arrays, lifted, times
 from tensegrity_mj.engines.jax.strings import Strings
 from tensegrity_mj.engines.jax.system import Mobility, System
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 
-STORED, LOST, EXTERNAL, WINCH = range(4)  # the works [J] that are integrated or counted beside the motion
-REPORTS = 5  # numbers of a law's report
+# The works [J] that are integrated or counted beside the motion; and VOID, above zero where a law had no command.
+STORED, LOST, EXTERNAL, WINCH, VOID = range(5)
+WORKS = 5
 
 
 class State(NamedTuple):
-    """What is integrated: s and ṡ of `System`, and the works [J] (4, ...)."""
+    """What is integrated: s and ṡ of `System`, and the works [J] (5, ...)."""
 
     places: Any
     rates: Any
@@ -48,7 +46,8 @@ class Observed(NamedTuple):
         elastic_tensions, tensions: (M, ...) [N].
         rod_force_densities: (R, ...) [N/m] of rigid rods, negative in compression; NaN of elastic ones.
         constraint_forces: (C, ...) [N].
-        works: (4, ...) [J]: Σ ∫ T_elastic dL, what is lost, given from outside, given by winches at jumps of L0.
+        works: (5, ...) [J]: Σ ∫ T_elastic dL, what is lost, given from outside, given by winches at jumps of L0; > 0
+            where the law has, or had, no command.
         report: (5, ...) of the law.
     """
 
@@ -80,6 +79,8 @@ class Model:
             `point_masses` (P,), `gravity` (3,), `nodes` and `velocities` (N, 3) of the start, `effects`, a list of
             mappings in the order of `scene.effects`, and `law`. Nodes and velocities may have a batch last, as may
             what is per string.
+        sampled: whether the law is sampled.
+        whole: (M,) ones, of strings none of which is broken.
     """
 
     def __init__(
@@ -88,18 +89,22 @@ class Model:
         self.scene, self.structure, self.law, self.effects = scene, scene.structure, law, effects
         self.system, self.strings = System(scene), Strings(scene.structure, window)
         self.mode = actuation.mode if law is not None else None
-        self.period = actuation.period
+        self.sampled = self.mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)
+        self.whole = np.ones(len(self.structure.strings))
         self.limits = {name: self.structure.limits(name) for name in ("max_force_density", "min_rest_length")}
         self.limited = any(np.isfinite(values).any() for values in self.limits.values())
         self.reach = self.structure.limits("winch_speed") * (actuation.period or np.inf)
         self.parameters: dict[str, Any] = {
             **self.system.parameters(),
-            **self.strings.parameters(self.structure),
-            "nodes": np.array(scene.nodes0),
-            "velocities": np.array(scene.velocities0),
+            **self.own_parameters(scene),
             "effects": [dict(effect.parameters) for effect in effects],
             "law": {} if law is None else law.parameters,
         }
+
+    def own_parameters(self, scene: Scene) -> dict[str, Any]:
+        """What scenes that share a model may differ in: their starts, and the numbers of their strings."""
+        start = {"nodes": np.array(scene.nodes0), "velocities": np.array(scene.velocities0)}
+        return self.strings.parameters(scene.structure) | start
 
     def prepare(self, parameters: Arrays) -> Prepared:
         """What does not change within a run."""
@@ -109,23 +114,11 @@ class Model:
         """The state at t = 0, and what is held from there."""
         nodes, velocities = (jnp.asarray(at.parameters[name]) for name in ("nodes", "velocities"))
         places, rates = self.system.state(nodes, velocities)
-        works = jnp.zeros((4, *nodes.shape[2:]))
-        rest = jnp.broadcast_to(lifted(at.parameters["rest_lengths"], works), self._per_string(works))
-        state, held = State(places, rates, works), Held(rest, jnp.full((REPORTS, *works.shape[1:]), np.nan))
+        batch = nodes.shape[2:]
+        state = State(places, rates, jnp.zeros((WORKS, *batch)))
+        rest = jnp.broadcast_to(lifted(at.parameters["rest_lengths"], state.works), (len(self.whole), *batch))
+        held = Held(rest, jnp.full((len(Report), *batch), np.nan))
         return (state, held) if not self.sampled else self.sample(at, 0.0, state, held, self.whole, first=True)
-
-    @property
-    def sampled(self) -> bool:
-        """Whether a law is sampled."""
-        return self.mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)
-
-    @property
-    def whole(self) -> Array:
-        """(M,) ones, of strings none of which is broken."""
-        return np.ones(len(self.structure.strings))
-
-    def _per_string(self, works: Any) -> tuple[int, ...]:
-        return (len(self.structure.strings), *works.shape[1:])
 
     def _command(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any) -> tuple[Any, Any]:
         """The law's command (M, ...) within its limits, and its report."""
@@ -142,7 +135,7 @@ class Model:
             else:
                 largest = lifted(p["stiffness"], lengths) * (1 - jnp.where(has_least, least, 0.0) / lengths)
                 command = jnp.minimum(jnp.minimum(command, most), jnp.where(has_least, largest, jnp.inf))
-        return command, jnp.broadcast_to(lifted(report, lengths), (REPORTS, *lengths.shape[1:]))
+        return command, jnp.broadcast_to(lifted(report, lengths), (len(Report), *lengths.shape[1:]))
 
     def _as_lengths(self, at: Prepared, lengths: Any, command: Any) -> Any:
         """A command as rest lengths (M, ...)."""
@@ -207,13 +200,13 @@ class Model:
             lost, given = lost + driven - power, given + driven
         return total, lost, given
 
-    def mobility(self, at: Prepared, t: Any, x: Any) -> tuple[Mobility, Any]:
-        """The mobility at nodes x, and α (R, 2, 2, ...) of what adds mass, or None."""
+    def mobility(self, at: Prepared, t: Any, x: Any) -> Mobility:
+        """The mobility at nodes x."""
         if at.mobility is not None:
-            return at.mobility, None
+            return at.mobility
         pairs = zip(self.effects, at.parameters["effects"], strict=True)
         alphas = sum(one.alpha(q, t, x) for one, q in pairs if one.alpha is not None)
-        return self.system.mobility(at.parameters, self.system.added(alphas, x)), alphas
+        return self.system.mobility(at.parameters, self.system.added(alphas, x))
 
     def evaluate(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> tuple[State, Observed, Any]:
         """The state's rates, what is observed of it, and the accelerations of the nodes (N, 3, ...)."""
@@ -224,62 +217,29 @@ class Model:
         elastic, tensions = self.strings.tighten(p, lengths, speeds, rest, whole)
         acting, lost, given = self.acting(at, t, x, v)
         forces = self.strings.pull(units, tensions) + acting
-        mobility, alphas = self.mobility(at, t, x)
-        weight = lifted(jnp.outer(mobility.mass @ system.shifted, p["gravity"]), forces, 2)
+        mobility = self.mobility(at, t, x)
+        weight = lifted(jnp.outer(mobility.mass @ system.shifted, p["gravity"]), forces)
         outer = times(system.maps.T, forces) + weight
         moved = prescribed[2]
-        if alphas is not None:  # of accelerations that supports prescribe
-            outer = outer - jnp.einsum("cidj...,dj...->ci...", system.added(alphas, x), lifted(moved.vectors, y, 2))
         found, mu, reactions = system.accelerate(mobility, y, rates, outer, moved)
         accelerations = system.nodes(found, moved)
-        if alphas is not None:
-            answer = self._answer(alphas, x, accelerations)
-            given = given + jnp.sum(answer * v, axis=(0, 1))
-            reactions = reactions - times(system.maps.T, answer)
+        if mobility.added is not None:
+            given = given + jnp.sum(mobility.answer(found) * rates, axis=(0, 1))
         if not system.still:  # what moves supports and fixed nodes gives their reactions' work
-            given = given + jnp.sum(reactions * lifted(prescribed[1].vectors, y, 2), axis=(0, 1))
-            given = given - jnp.sum(forces * lifted(prescribed[1].nodes, x, 2), axis=(0, 1))
+            given = given + jnp.sum(reactions * lifted(prescribed[1].vectors, y), axis=(0, 1))
+            given = given - jnp.sum(forces * lifted(prescribed[1].nodes, x), axis=(0, 1))
         stored = jnp.sum(elastic * speeds, axis=0)
         lost = lost + jnp.sum((tensions - elastic) * speeds, axis=0)
-        powers = jnp.stack([stored, lost, given, jnp.zeros_like(stored)])
+        failed = jnp.all(jnp.isfinite(lengths), axis=0) & ~jnp.all(jnp.isfinite(rest), axis=0)
+        void = jnp.where(failed | (report[Report.FEASIBILITY_MARGIN] <= 0), 1.0, 0.0)
+        powers = jnp.stack([stored, lost, given, jnp.zeros_like(stored), void])
         densities = jnp.full((len(self.structure.rods), *mu.shape[1:]), np.nan)
         densities = densities.at[system.rigid].set(mu[: len(system.rigid)])
-        observed = Observed(
-            jnp.asarray(t, float),
-            x,
-            v,
-            lengths,
-            rest,
-            elastic,
-            tensions,
-            densities,
-            self._held_by(reactions),
-            state.works,
-            report,
-        )
-        return (
-            State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers),
-            observed,
-            accelerations,
-        )
-
-    def _answer(self, alphas: Any, x: Any, accelerations: Any) -> Any:
-        """-α P a on the nodes (N, 3, ...)."""
-        i, j = (np.eye(len(x))[self.structure.rod_nodes[:, end]] for end in range(2))
-        ends = jnp.stack([times(i, accelerations), times(j, accelerations)])
-        across = self.system.across(times(j - i, x))
-        out = -jnp.einsum("rab...,rij...,brj...->ari...", alphas, across, ends)
-        return times(i.T, out[0]) + times(j.T, out[1])
-
-    def _held_by(self, reactions: Any) -> Any:
-        """(C, ...) [N] of the linear constraints, of the forces (C, 3, ...) of all that holds."""
-        count = len(self.structure.constraints)
-        out = jnp.zeros((count, *reactions.shape[2:]))
-        if not count:
-            return out
-        nu = jnp.tensordot(self.system.inverse.T, reactions.reshape(-1, *reactions.shape[2:]), 1)
-        rows = [row for row, link in enumerate(self.system.links) if link >= 0]
-        return out.at[np.array([self.system.links[row] for row in rows])].set(nu[np.array(rows)])
+        held_by = jnp.tensordot(system.of_constraints, reactions.reshape(-1, *reactions.shape[2:]), 1)
+        time, works = jnp.asarray(t, float), state.works.at[VOID].add(void)
+        observed = Observed(time, x, v, lengths, rest, elastic, tensions, densities, held_by, works, report)
+        changes = State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers)
+        return changes, observed, accelerations
 
     def rates(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> State:
         """Rates of the state alone."""

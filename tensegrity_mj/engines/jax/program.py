@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -15,19 +15,15 @@ import numpy as np
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.driving import Grid, progress
+from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress
 from tensegrity_mj.engines.jax.effects import array_effects
-from tensegrity_mj.engines.jax.integrate import (
-    Steps,
-    break_steps,
-    controlled_steps,
-    fixed_steps,
-    joined,
-    one_row,
-)
+from tensegrity_mj.engines.jax.integrate import TO_THE_END, ControlledSteps, FixedSteps
 from tensegrity_mj.engines.jax.laws import array_law
-from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, State
+from tensegrity_mj.engines.jax.model import VOID, WORKS, Held, Model, Observed, Prepared, State
+from tensegrity_mj.engines.jax.recording import trajectory_of
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.capabilities import require_rest_lengths
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -44,75 +40,56 @@ class Program:
     Attributes:
         parameters: of the scene and its law as they are; see `Model`.
         times: (T,) [s] at which runs are recorded.
+        model, steps: what is integrated, and how.
     """
 
     def __init__(self, engine: JAX, request: Request, times: Array | None = None) -> None:
         scene, self.engine, self.request = request.scene, engine, request
-        own = request.law.own
+        own, law = request.law.own, None
         if own is not None:
             require_rest_lengths(scene.structure)
-        law = None if own is None else array_law(own, scene.structure)
-        self.law = law
-        self._model = Model(scene, array_effects(scene), law, request.actuation, engine.spread)
-        self.parameters = self._model.parameters
-        breaks = scene.break_times
-        self.segments: list[Segment] = []
+            if request.on_infeasible is OnInfeasible.PASSIVE:
+                raise OptionError(
+                    "on_infeasible = OnInfeasible.PASSIVE: where a law has no solution, the engine JAX stops: use "
+                    "OnInfeasible.STOP, or another engine"
+                )
+            law = array_law(own, scene.structure)
+        self.model = Model(scene, array_effects(scene), law, request.actuation, engine.spread)
+        self.parameters = self.model.parameters
+        self.steps: FixedSteps | ControlledSteps
         if engine.timestep is not None:
-            grid = Grid.of(request, engine.timestep)
-            self.times, self.grid = grid.times, grid
-            self.steps = Steps(grid.step, grid.stride, grid.ratio, break_steps(breaks, grid.step))
-            return
-        interval = request.output_interval or 0.01
-        if times is None:
-            count = max(1, int(np.ceil(request.duration / interval * (1 - 1e-12))))
-            times = np.minimum(interval * np.arange(count + 1), request.duration)
-        self.times = times
-        ends = sorted({t for t in breaks.tolist() if 0 < t < times[-1]} | {float(times[-1])})
-        start = 0.0
-        for end in ends:
-            inside = times[(times > start) & ((times < end) | (times == times[-1]) & (end == times[-1]))]
-            whole = np.unique(np.concatenate([[start], inside, [end]]))
-            self.segments.append(Segment(whole, (breaks > start).astype(float), bool(start in times), len(inside)))
-            start = end
+            self.steps = FixedSteps(Grid.of(request, engine.timestep), scene.break_times)
+        elif request.sampled:
+            raise OptionError(
+                f"actuation '{request.actuation.mode.value}': the law is sampled at steps of JAX's Method.RK4: use it, "
+                "with a timestep that divides the control period"
+            )
+        else:
+            times = output_times(request) if times is None else times
+            self.steps = ControlledSteps(times, scene.break_times, engine.tolerances)
+        self.times = self.steps.times
 
     def run(self, parameters: Any) -> Observed:
         """A run, with times first, as a function to be compiled and differentiated: (T, N, 3) nodes and so on."""
-        model, at = self._model, self._model.prepare(parameters)
-        state, held = model.start(at)
-        parts = [] if self.segments else [one_row(model, at, 0.0, state, held, model.whole)]
-        if self.engine.timestep is not None:
-            count, rest = divmod(self.grid.count, self.grid.stride)
-            state, held, rows = fixed_steps(model, at, state, held, 0, count, self.steps)
-            parts.append(rows)
-            if rest:
-                last = self.steps._replace(stride=rest)
-                parts.append(fixed_steps(model, at, state, held, self.grid.count - rest, 1, last)[2])
-            return joined(parts)
-        previous = model.whole
-        for times, whole, begins, count in self.segments:
-            state, rows = self._entered(at, times[0], state, held, previous, whole)
-            parts += [rows] if begins else []
-            state, rows, took = controlled_steps(model, at, state, held, times, whole, self.engine.tolerances)
-            failed, previous = took["failed"], whole
-            parts.append(jax.tree.map(lambda x, n=count, failed=failed: jnp.where(failed, jnp.nan, x[:n]), rows))
-        return joined(parts)
-
-    def _entered(
-        self, at: Prepared, t: Any, state: State, held: Held, before: Any, whole: Any
-    ) -> tuple[State, Observed]:
-        """The state at the start of a segment, without the energy of what broke there, and what is observed there."""
-        state = self._model.lose(at, t, state, held, before, whole)
-        return state, one_row(self._model, at, t, state, held, whole)
+        at, state, held = begun(self.model, parameters)
+        parts = []
+        for piece in self.steps.pieces(lambda rows: [rows]):
+            found = self.steps.advance(piece.kind, self.model, at, state, held, piece.given)
+            state, held, ended, kept = found.state, found.held, found.ended, piece.kept
+            parts.append(
+                jax.tree.map(lambda x, k=kept, end=ended: jnp.where(end == TO_THE_END, x[k], jnp.nan), found.rows)
+            )
+        return jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
 
     def accelerations(self) -> Callable[..., tuple[Array, Array]]:
         """See `Accelerations`."""
-        model, p = self._model, self.parameters
+        model, p = self.model, self.parameters
 
         @jax.jit
         def found(t: Any, nodes: Any, velocities: Any, rest: Any) -> tuple[Any, Any]:
             at = model.prepare({**p, "rest_lengths": rest})
             places, rates = model.system.state(nodes, velocities, t)
-            state = State(places, rates, jnp.zeros(4))
+            state = State(places, rates, jnp.zeros(WORKS))
             _, observed, accelerations = model.evaluate(at, t, state, Held(rest, jnp.zeros(5)), model.whole)
             return observed.nodes, accelerations
 
@@ -125,128 +102,52 @@ class Program:
 
     def trajectory(self) -> Trajectory:
         """The run of the parameters as they are, in pieces."""
-        from tensegrity_mj.engines.jax.recording import trajectory_of
+        return trajectory_of(self.engine, self.request, *self.rows(str(self.engine)))
 
-        rows, cost, failed = self.fixed() if self.engine.timestep is not None else self._controlled()
-        return trajectory_of(self.engine, self.request, rows, cost, failed)
+    def rows(self, label: str) -> tuple[Observed, dict[str, float], int]:
+        """The rows of the parameters as they are, what they cost, and how they ended; in pieces, with progress."""
+        model, take = self.model, self.steps.advance
 
-    def fixed(self, label: str = "") -> tuple[Observed, dict[str, float], bool]:
-        """The rows of fixed steps, what they cost, and whether they failed; taken in pieces, with progress."""
-        model, grid = self._model, self.grid
-        whole, rest = divmod(grid.count, grid.stride)
-        at, state, held, row = self._begin()
-        kinds: dict[tuple[int, int], Callable[..., Any]] = {}
-        parts, first = [row], 0
-        plan = [(rows, grid.stride) for rows in pieces(whole)] + ([(1, rest)] if rest else [])
-        watch = Watch()
-        with progress(self.request, label or str(self.engine)) as show:
-            for rows, stride in plan:
-                if (rows, stride) not in kinds:
-                    steps = self.steps._replace(stride=stride)
+        def begin(model: Model, p: Any) -> tuple[Prepared, State, Held, Observed]:
+            at, state, held = begun(model, p)
+            whole = (self.request.scene.break_times > 0).astype(float)
+            return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, 0.0, state, held, whole)[1])
 
-                    def advance(at: Any, state: Any, held: Any, first: Any, n: int = rows, own: Steps = steps) -> Any:
-                        return fixed_steps(model, at, state, held, first, n, own)
-
-                    with watch.paused():
-                        kinds[rows, stride] = compiled(advance, at, state, held, first)
-                state, held, found = kinds[rows, stride](at, state, held, first)
-                parts.append(jax.tree.map(np.asarray, found))
-                first += rows * stride
-                show(first * grid.step)
-                interrupts.raise_if_requested()
-                if not np.any(np.isfinite(parts[-1].nodes[-1])):
-                    break
-        cost = {"wall_time": watch.seconds, "steps": first, "evaluations": 4 * first}
-        return jax.tree.map(lambda *x: np.concatenate(x), *parts), cost, False
-
-    def _controlled(self) -> tuple[Observed, dict[str, float], bool]:
-        model, tolerances = self._model, self.engine.tolerances
-        at, state, held, _ = self._begin()
-        kinds: dict[int, Callable[..., Any]] = {}
+        at, state, held, row = jax.jit(partial(begin, model))(self.parameters)
+        kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
         parts: list[Any] = []
-        watch, steps = Watch(), 0
-
-        def advance(at: Any, state: Any, held: Any, times: Any, whole: Any) -> Any:
-            return controlled_steps(model, at, state, held, times, whole, tolerances)
-
-        enter, previous, failed = jax.jit(self._entered), model.whole, False
-        with progress(self.request, str(self.engine)) as show:
-            for times, whole, begins, count in self.segments:
-                with watch.paused():
-                    state, found = enter(at, times[0], state, held, previous, whole)
-                parts += [jax.tree.map(np.asarray, found)] if begins else []
-                previous, first = whole, 0
-                for size in pieces(len(times) - 1):
-                    wanted = times[first : first + size + 1]
-                    if size not in kinds:
-                        with watch.paused():
-                            kinds[size] = compiled(advance, at, state, held, wanted, whole)
-                    state, found, took = kinds[size](at, state, held, wanted, whole)
-                    parts.append(jax.tree.map(lambda x, n=count - first: np.asarray(x)[: max(0, n)], found))
-                    steps, failed, first = steps + int(took["steps"]), bool(took["failed"]), first + size
-                    show(float(wanted[-1]))
-                    interrupts.raise_if_requested()
-                    if failed or not np.all(np.isfinite(np.asarray(found.nodes)[-1])):
-                        break
-                if failed:
+        watch, steps, ended = Stopwatch(), 0, TO_THE_END
+        if np.all(row.works[0, VOID] > 0):  # the law has no command at the start, where strings are as they are
+            lawless = Model(self.request.scene, model.effects, None, self.request.actuation, 0.0)
+            parts.append(begin(lawless, self.parameters)[-1]._replace(works=row.works, report=row.report))
+        with progress(self.request, label) as show:
+            for piece in () if parts else self.steps.pieces(pieces):
+                if piece.kind not in kinds:
+                    before = time.perf_counter()
+                    kinds[piece.kind] = compiled(partial(take, piece.kind, model), at, state, held, piece.given)
+                    watch.start += time.perf_counter() - before
+                state, held, rows, more, how = kinds[piece.kind](at, state, held, piece.given)
+                steps, ended = steps + int(more), int(how)
+                parts.append(jax.tree.map(lambda x, kept=piece.kept: np.asarray(x)[kept], rows))
+                show(piece.end)
+                interrupts.raise_if_requested()
+                if ended != TO_THE_END or not np.any(np.isfinite(rows.nodes[-1])):
                     break
-        cost = {"wall_time": watch.seconds, "steps": steps, "evaluations": 13 * steps}
-        return jax.tree.map(lambda *x: np.concatenate(x), *parts), cost, failed
+        cost = {"wall_time": watch.seconds, "steps": steps, "evaluations": self.steps.stages * steps}
+        return jax.tree.map(lambda *x: np.concatenate(x), *parts), cost, ended
 
-    def _begin(self) -> tuple[Prepared, State, Held, Observed]:
-        model = self._model
 
-        def begin(p: Any) -> tuple[Prepared, State, Held, Observed]:
-            at = model.prepare(p)
-            state, held = model.start(at)
-            return at, state, held, one_row(model, at, 0.0, state, held, model.whole)
-
-        at, state, held, row = jax.jit(begin)(self.parameters)
-        return at, state, held, jax.tree.map(np.asarray, row)
+def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
+    """What a run begins with."""
+    at = model.prepare(parameters)
+    return at, *model.start(at)
 
 
 def pieces(rows: int) -> list[int]:
     """Rows in some twenty pieces, of one size where a divisor is near."""
-    if not rows:
-        return []
     count = next((n for n in range(PIECES, 2 * PIECES) if rows % n == 0), min(rows, PIECES))
     size = -(-rows // count)
     return [size] * (rows // size) + ([rows % size] if rows % size else [])
-
-
-class Segment(NamedTuple):
-    """A part of a run between breaks of strings.
-
-    Attributes:
-        times: [s] its start, those at which it is recorded, its end.
-        whole: (M,) which strings are.
-        begins: whether its start is recorded.
-        kept: how many of the times behind that are.
-    """
-
-    times: Array
-    whole: Array
-    begins: bool
-    kept: int
-
-
-class Watch:
-    """Wall time without that of compiling."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """Do not count the block."""
-        begun = time.perf_counter()
-        yield
-        self._start += time.perf_counter() - begun
-
-    @property
-    def seconds(self) -> float:
-        """Since the start [s]."""
-        return time.perf_counter() - self._start
 
 
 def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:

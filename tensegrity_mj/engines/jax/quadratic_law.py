@@ -58,7 +58,7 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
     def value(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
         """Both parts of V (...): of the errors alone, and with velocities."""
         aims, rates = jax.jvp(lambda t: belief.aim(p["target"], t), (t,), (jnp.ones_like(t),))
-        (r_d, b_d), (r_rate, b_rate) = ([lifted(one, x, 2) for one in both] for both in (aims, rates))
+        (r_d, b_d), (r_rate, b_rate) = ([lifted(one, x) for one in both] for both in (aims, rates))
         e_z, e_z_rate = times(belief.points, x) - r_d, times(belief.points, v) - r_rate
         if held:
             e_z, e_z_rate = (jnp.einsum("mka,mk...->ma...", belief.bases, e) for e in (e_z, e_z_rate))
@@ -119,7 +119,7 @@ def _scaled(gain: Any, own: Any, vectors: Any) -> Any:
         return gain * vectors
     if np.ndim(own) == 1:
         return lifted(gain, vectors[:, 0])[:, None] * vectors
-    return jnp.einsum("rij...,rj...->ri...", lifted(gain, vectors[:, None], 3), vectors)
+    return jnp.einsum("rij...,rj...->ri...", lifted(gain, vectors[:, None]), vectors)
 
 
 def _inner(a: Any, b: Any) -> Any:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.dynamics.native.law import Report
-from tensegrity_mj.engines.jax.model import EXTERNAL, LOST, STORED, WINCH, Observed
+from tensegrity_mj.engines.jax.integrate import TO_THE_END, UNDEFINED
+from tensegrity_mj.engines.jax.model import EXTERNAL, LOST, STORED, VOID, WINCH, Observed
 from tensegrity_mj.engines.recording import Account, make_trajectory
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.errors import ControllerError, DivergenceError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.rods import inertia_of_rods
 from tensegrity_mj.runs.energy import check_energy
@@ -21,25 +22,28 @@ if TYPE_CHECKING:
 
 
 def trajectory_of(
-    engine: JAX, request: Request, rows: Observed, cost: dict[str, float], failed: bool = False
+    engine: JAX, request: Request, rows: Observed, cost: dict[str, float], ended: int = TO_THE_END
 ) -> Trajectory:
-    """The trajectory of a run's rows, (T, ...) each, with what it cost; whether it `failed` before its end.
+    """The trajectory of a run's rows, (T, ...) each, with what it cost, and how it `ended`.
 
     Raises:
+        ControllerError: where the law returned something that is not finite.
         DivergenceError: with what was recorded before, where the run did not come to its end.
     """
     structure = request.scene.structure
     good = np.all(np.isfinite(rows.nodes), axis=(1, 2)) & np.all(np.isfinite(rows.velocities), axis=(1, 2))
     count = len(good) if good.all() else int(np.argmin(good))
-    margin = rows.report[:, Report.FEASIBILITY_MARGIN]
-    void = np.flatnonzero(~np.all(np.isfinite(rows.rest_lengths), axis=1) | (margin <= 0))
-    infeasible = request.law.own is not None and len(void) > 0 and void[0] <= count
+    void = np.flatnonzero((rows.works[:, VOID] > 0) & np.isfinite(rows.works[:, VOID]))
+    first_void = int(void[0]) if len(void) else count
     status, message = Status.COMPLETED, ""
-    if infeasible:
-        count = max(1, int(void[0]))
+    if request.law.own is not None and (len(void) > 0 or ended == UNDEFINED) and first_void <= count:
+        count = max(1, first_void)
+        after = f"after t = {rows.time[count - 1]:.6g} s (known at recorded times)"
+        if np.all(np.isnan(rows.report[: count + 1, Report.FEASIBILITY_MARGIN])):
+            raise ControllerError(f"the law returned a value that is not finite {after}; it must be for every string")
         status = Status.INFEASIBLE
         message = (
-            f"the law has no admissible solution after t = {rows.time[count - 1]:.6g} s (known at recorded times); "
+            f"the law has no admissible solution {after}; "
             "change the target or the options of the law, or take another engine with OnInfeasible.PASSIVE"
         )
     rows = Observed(*(np.asarray(one)[:count] for one in rows))
@@ -72,7 +76,7 @@ def trajectory_of(
         if engine.timestep is not None
         else "loosen the tolerances, raise max_steps, or choose Method.RK4"
     )
-    if not infeasible and (failed or count < len(good)):
+    if status is Status.COMPLETED and (ended != TO_THE_END or count < len(good)):
         partial = made(Status.DIVERGED, "diverged")
         check_energy(partial, remedy)
         time = float(rows.time[-1]) if T else 0.0

@@ -39,11 +39,22 @@ class Place(NamedTuple):
 
 
 class Mobility(NamedTuple):
-    """W (C, 3, C, 3, ...), or (C, C) where it is the same in all directions; E W Eᵀ likewise; and M (C, C)."""
+    """W (C, 3, C, 3, ...), or (C, C) where it is the same in all directions; E W Eᵀ likewise; M (C, C); and what
+    answers accelerations besides (C, 3, C, 3, ...), or None."""
 
     whole: Any
     between: Any
     mass: Any
+    added: Any = None
+
+    def answer(self, accelerations: Any) -> Any:
+        """Of what is added (C, 3, ...) [N], to accelerations of the vectors."""
+        return -_applied(self.added, accelerations)
+
+    def inertia(self, accelerations: Any) -> Any:
+        """Of all (C, 3, ...) [N]."""
+        own = times(self.mass, accelerations)
+        return own if self.added is None else own - self.answer(accelerations)
 
 
 class System:
@@ -55,6 +66,7 @@ class System:
         spans: E (V, C), rods first.
         rods: (2, R, C) the ends of all rods by the vectors.
         rigid: (V_rods,) rows of the rods that keep their length.
+        of_constraints: (K, 3 C), times forces (C, 3) of all that holds, those of linear constraints.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -71,14 +83,11 @@ class System:
         for number, motion in enumerate(scene.motions):
             if motion.support in structure.fixed_nodes:
                 self.carried[index[motion.support], number] = 1.0
-        self.rods = np.zeros((2, len(structure.rods), C))
-        for end in range(2):
-            self.rods[end] = self.maps[structure.rod_nodes[:, end]]
+        self.rods = np.stack([self.maps[structure.rod_nodes[:, end]] for end in range(2)])
         self.rigid = np.flatnonzero(~structure.elastic)
-        spans, pairs, values = [*(self.rods[1] - self.rods[0])[self.rigid]], [], []
-        for number, row in enumerate(self.rigid):
-            pairs.append((number, number))
-            values.append(structure.rod_lengths[row] ** 2)
+        spans = [*(self.rods[1] - self.rods[0])[self.rigid]]
+        pairs = [(number, number) for number in range(len(spans))]
+        values = [*structure.rod_lengths[self.rigid] ** 2]
         for number, frame in enumerate(structure.moving_frames):
             at = len(own) + 4 * number
             self.maps[frame.rows, at], self.maps[frame.rows, at + 1 : at + 4] = 1.0, frame.offsets
@@ -92,6 +101,7 @@ class System:
         self.pairs, self.values = np.array(pairs, int).reshape(-1, 2), np.array(values)
         same = self.pairs[:, 0] == self.pairs[:, 1]
         self.kappa, self.alone = np.where(same, 0.5, 1.0), bool(same.all())
+        self.values *= 2 * self.kappa
         self._hold()
         self.still = not scene.motions
         self.wet = any(element.adds_mass for element in scene.effects)
@@ -106,7 +116,7 @@ class System:
         rows: list[Array] = []
         values: list[float] = []
         drives: list[Array] = []
-        self.links: list[int] = []  # the linear constraint of a row, or -1
+        links: list[int] = []  # the linear constraint of a row, or -1
 
         def hold(weights: Array, direction: Array, value: float, motion: str = "", link: int = -1) -> None:
             rows.append(np.outer(weights, direction).ravel())
@@ -114,7 +124,7 @@ class System:
             drives.append(np.zeros((len(numbers), 3)))
             if motion in numbers:
                 drives[-1][numbers[motion]] = direction
-            self.links.append(link)
+            links.append(link)
 
         for row, rod in enumerate(structure.rods):
             support = rod.support
@@ -143,9 +153,10 @@ class System:
             triangle, order = qr((self.rows / np.linalg.norm(self.rows, axis=1)[:, None]).T, mode="r", pivoting=True)
             kept = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
             self.rows, self.offsets, self.drives = self.rows[kept], self.offsets[kept], self.drives[kept]
-            self.links = [self.links[k] for k in kept]
+            links = [links[k] for k in kept]
             self.free = null_space(self.rows, rcond=RANK_TOLERANCE)
             self.inverse = np.asarray(np.linalg.pinv(self.rows), float)
+        self.of_constraints = (np.arange(len(structure.constraints))[:, None] == np.array(links, int)) @ self.inverse.T
 
     def _is_apart(self) -> bool:
         between = np.asarray(self.mobility(self.parameters()).between)
@@ -186,14 +197,11 @@ class System:
             inverse = jnp.linalg.inv(M)
             return Mobility(inverse, self.spans @ inverse @ self.spans.T, M)
         C, Z = self.size, np.eye(3 * self.size) if self.free is None else self.free
-        full = jnp.kron(M, np.eye(3))
+        full, batch = jnp.kron(M, np.eye(3))[None], () if added is None else added.shape[4:]
         if added is not None:
-            batched = jnp.moveaxis(added.reshape(3 * C, 3 * C, -1), -1, 0) + full
-            inner = jnp.linalg.inv(Z.T @ batched @ Z)
-            W = jnp.moveaxis(Z @ inner @ Z.T, 0, -1).reshape(C, 3, C, 3, *added.shape[4:])
-        else:
-            W = (Z @ jnp.linalg.inv(Z.T @ full @ Z) @ Z.T).reshape(C, 3, C, 3)
-        return Mobility(W, jnp.einsum("vc,cidj...,wd->viwj...", self.spans, W, self.spans), M)
+            full = full + jnp.moveaxis(added.reshape(3 * C, 3 * C, -1), -1, 0)
+        W = jnp.moveaxis(Z @ jnp.linalg.inv(Z.T @ full @ Z) @ Z.T, 0, -1).reshape(C, 3, C, 3, *batch)
+        return Mobility(W, jnp.einsum("vc,cidj...,wd->viwj...", self.spans, W, self.spans), M, added)
 
     def prescribed(self, t: Any) -> tuple[Place, Place, Place]:
         """Where supports and fixed nodes have what hangs on them at a time [s], and the first two derivatives."""
@@ -224,7 +232,7 @@ class System:
         """s of y, its rates of ẏ: (C, 3, ...), or (n, ...) where something is held."""
         if self.free is None:
             return vectors
-        off = vectors - lifted(place.vectors, vectors, 2)
+        off = vectors - lifted(place.vectors, vectors)
         return jnp.tensordot(self.free.T, off.reshape(3 * self.size, *off.shape[2:]), 1)
 
     def vectors(self, reduced: Any, place: Place) -> Any:
@@ -232,64 +240,48 @@ class System:
         if self.free is None:
             return reduced
         own = jnp.tensordot(self.free, reduced, 1).reshape(self.size, 3, *reduced.shape[1:])
-        return own + lifted(place.vectors, own, 2)
+        return own + lifted(place.vectors, own)
 
     def nodes(self, vectors: Any, place: Place) -> Any:
         """x (N, 3, ...) of y, velocities of ẏ, accelerations of ÿ."""
-        return times(self.maps, vectors) + lifted(place.nodes, vectors, 2)
+        return times(self.maps, vectors) + lifted(place.nodes, vectors)
 
     def accelerate(self, mobility: Mobility, y: Any, rates: Any, forces: Any, place: Place) -> tuple[Any, Any, Any]:
         """ÿ (C, 3, ...), μ (P, ...), and the forces of supports and constraints (C, 3, ...) [N].
 
         `forces` (C, 3, ...) act on the vectors, Φᵀ F; `place` has the accelerations of what is prescribed.
         """
-        driven = lifted(place.vectors, y, 2)
-        start = _applied(mobility.whole, forces - times(mobility.mass, driven)) + driven
+        driven = lifted(place.vectors, y)
+        start = _applied(mobility.whole, forces - mobility.inertia(driven)) + driven
         e, e_rates = times(self.spans, y), times(self.spans, rates)
-        mu = self._solved(mobility, e, self._along(e, times(self.spans, start)) + self._products(e_rates))
+        mu = self._solved(mobility, e, self._inner(e, times(self.spans, start)) + self._inner(e_rates, e_rates))
         back = times(self.spans.T, self._spread(e, mu))
         found = start - _applied(mobility.whole, back)
-        return found, mu, times(mobility.mass, found) - forces + back
+        return found, mu, mobility.inertia(found) - forces + back
 
     def projected(self, mobility: Mobility, y: Any, rates: Any) -> tuple[Any, Any]:
         """y and ẏ moved in the metric of the masses to where rods and bodies have their shape: a step of Newton's."""
         e = times(self.spans, y)
-        y = y - self._moved(mobility, e, self._off(e))
+        y = y - self._moved(mobility, e, 0.5 * (self._inner(e, e) - lifted(self.values, e[0])))
         e = times(self.spans, y)
-        return y, rates - self._moved(mobility, e, self._along(e, times(self.spans, rates)))
+        return y, rates - self._moved(mobility, e, self._inner(e, times(self.spans, rates)))
 
     def _moved(self, mobility: Mobility, e: Any, off: Any) -> Any:
         """The change of y, or ẏ, that takes away `off` (P, ...) of the products."""
         return _applied(mobility.whole, times(self.spans.T, self._spread(e, self._solved(mobility, e, off))))
 
-    def _off(self, e: Any) -> Any:
-        """κ (e_a·e_b - const) (P, ...)."""
-        a, b = self._sides(e)
-        return lifted(self.kappa, a[:, 0]) * (jnp.sum(a * b, axis=1) - lifted(self.values, a[:, 0]))
-
-    def _sides(self, e: Any) -> tuple[Any, Any]:
-        return (e, e) if self.alone else (e[self.pairs[:, 0]], e[self.pairs[:, 1]])
-
-    def _products(self, e_rates: Any) -> Any:
-        """2 κ ė_a·ė_b (P, ...)."""
-        a, b = self._sides(e_rates)
-        return 2 * lifted(self.kappa, a[:, 0]) * jnp.sum(a * b, axis=1)
-
-    def _along(self, e: Any, changes: Any) -> Any:
-        """J · changes of the e: κ (δe_a·e_b + e_a·δe_b), (P, ...)."""
+    def _inner(self, e: Any, other: Any) -> Any:
+        """κ (e_a·f_b + f_a·e_b) (P, ...) with other vectors f; of changes of e, J times these."""
         if self.alone:
-            return jnp.sum(e * changes, axis=1)
-        (a, b), (da, db) = self._sides(e), self._sides(changes)
-        return lifted(self.kappa, a[:, 0]) * jnp.sum(da * b + a * db, axis=1)
+            return jnp.sum(e * other, axis=1)
+        a, b = self.pairs.T
+        return lifted(self.kappa, e[a, 0]) * jnp.sum(e[a] * other[b] + other[a] * e[b], axis=1)
 
     def _spread(self, e: Any, mu: Any) -> Any:
         """Jᵀ μ (V, 3, ...)."""
         if self.alone:
             return mu[:, None] * e
-        a, b = self._sides(e)
-        scaled = (lifted(self.kappa, mu) * mu)[:, None]
-        first, second = (np.eye(len(self.spans))[self.pairs[:, side]].T for side in range(2))
-        return times(first, scaled * b) + times(second, scaled * a)
+        return jax.linear_transpose(lambda other: self._inner(e, other), e)(mu)[0]
 
     def _solved(self, mobility: Mobility, e: Any, right: Any) -> Any:
         """μ (P, ...) of J E W Eᵀ Jᵀ μ = right."""
@@ -302,7 +294,7 @@ class System:
                 return right / (lifted(between[own, own], right) * jnp.sum(e * e, axis=1))
             return right / jnp.einsum("vi...,vij,vj...->v...", e, between[own, :, own, :], e)
         if self.alone and isotropic:
-            matrix = lifted(between, right[None], 2) * jnp.einsum("vi...,wi...->vw...", e, e)
+            matrix = lifted(between, right[None]) * jnp.einsum("vi...,wi...->vw...", e, e)
         elif self.alone:
             matrix = jnp.einsum("vi...,viwj...,wj...->vw...", e, between, e)
         else:
@@ -320,19 +312,13 @@ class System:
     def added(self, alpha: Any, x: Any) -> Any:
         """(C, 3, C, 3, ...) [kg] of α (R, 2, 2, ...) across rods at nodes x: what `mobility` takes."""
         spans = times(incidence(self.structure.rod_nodes, len(x)), x)
-        across = self.across(spans)
-        return jnp.einsum("arc,rab...,rij...,brd->cidj...", self.rods, alpha, across, self.rods)
-
-    def across(self, spans: Any) -> Any:
-        """P = 1 - d dᵀ (R, 3, 3, ...) of rods along spans (R, 3, ...)."""
         d = spans / jnp.sqrt(jnp.sum(spans**2, axis=1, keepdims=True))
-        return lifted(np.eye(3)[None], d[:, None], 3) - d[:, :, None] * d[:, None, :]
+        across = lifted(np.eye(3)[None], d[:, None]) - d[:, :, None] * d[:, None, :]  # P = 1 - d dᵀ
+        return jnp.einsum("arc,rab...,rij...,brd->cidj...", self.rods, alpha, across, self.rods)
 
 
 def _applied(mobility: Any, forces: Any) -> Any:
     """W f (C, 3, ...)."""
     if mobility.ndim == 2:
         return times(mobility, forces)
-    if mobility.ndim == 4:
-        return jnp.tensordot(mobility, forces, ((2, 3), (0, 1)))
     return jnp.einsum("cidj...,dj...->ci...", mobility, forces)

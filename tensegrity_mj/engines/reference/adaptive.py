@@ -15,7 +15,7 @@ from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, star
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.driving import Stopwatch, progress
+from tensegrity_mj.engines.driving import Stopwatch, output_times, progress
 from tensegrity_mj.engines.recording import allocate_rows
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
@@ -28,7 +28,7 @@ from tensegrity_mj.engines.reference.equations import (
     sample_law,
 )
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.marks import marks_of, output_times
+from tensegrity_mj.engines.reference.marks import marks_of
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
 from tensegrity_mj.engines.reference.turns import bisect, turn_within

@@ -8,24 +8,10 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.plant import break_times
-from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
-from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 
 MOST_SAMPLES = 10_000_000  # of a law in a run: their times are laid out beforehand, in some gigabytes
-
-
-def output_times(request: Request) -> Array:
-    """Multiples of the output interval, and the end."""
-    interval = request.output_interval or DEFAULT_INTERVAL
-    count = math.floor(request.duration / interval * (1 + 1e-12))
-    check_rows(count)
-    times: Array = np.arange(count + 1, dtype=float) * interval
-    if request.duration - times[-1] > 1e-9 * interval:
-        return np.append(times, request.duration)
-    times[-1] = request.duration
-    return times
 
 
 def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool, bool]]:
