@@ -15,7 +15,7 @@ import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -33,10 +33,12 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.studies import ensemble
-from tensegrity_mj.studies.identification import result as identification
-from tensegrity_mj.studies.identification.fitting import FitOptions
-from tensegrity_mj.studies.identification.unknowns import Parameter
 from tensegrity_mj.vibration import stable_step as stable_steps
+
+if TYPE_CHECKING:
+    from tensegrity_mj.studies.identification.fitting import FitOptions
+    from tensegrity_mj.studies.identification.result import Identification
+    from tensegrity_mj.studies.identification.unknowns import Parameter
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -188,7 +190,14 @@ def simulate_many(
     raise NotImplementedError
 
 
-@with_texts(identification.identify)
+def _identify(**given: Any) -> Identification:
+    """Find parameters of a scene by which its runs are as they were measured: see `tensegrity_mj.studies.identify`."""
+    from tensegrity_mj.studies.identification.result import identify
+
+    return identify(**given)
+
+
+@with_texts(_identify)
 def identify(
     scene: AnyScene,
     measurements: Any,
@@ -200,7 +209,7 @@ def identify(
     folder: str | os.PathLike[str] | None = None,
     progress: bool = False,
     **engine_options: Any,
-) -> identification.Identification:
+) -> Identification:
     raise NotImplementedError
 
 

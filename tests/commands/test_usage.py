@@ -27,11 +27,11 @@ MEANT = {
     "run --engien=dae": "run: --engien: there is no such option; did you mean --engine?",
     "run prism -engine dae": "run: -engine: there is no such option; did you mean --engine?",
     "audit drift prism --stepss 9": "audit drift: --stepss: there is no such option; did you mean --steps?",
-    "run prism --engine dea": "run: --engine: 'dea': allowed: mujoco, dae, ode; did you mean dae?",
-    "run prism --engine mujoko": "run: --engine: 'mujoko': allowed: mujoco, dae, ode; did you mean mujoco?",
+    "run prism --engine dea": "run: --engine: 'dea': allowed: mujoco, dae, ode, jax; did you mean dae?",
+    "run prism --engine mujoko": "run: --engine: 'mujoko': allowed: mujoco, dae, ode, jax; did you mean mujoco?",
     "run prism --integrator rk5": "run: --integrator: 'rk5': allowed: euler, implicitfast, implicit, rk4, discrete; "
     "did you mean rk4?",
-    "tradeoff prism --engines dae odd": "tradeoff: --engines: 'odd': allowed: mujoco, dae, ode; did you mean ode?",
+    "tradeoff prism --engines dae odd": "tradeoff: --engines: 'odd': allowed: mujoco, dae, ode, jax; did you mean ode?",
 }
 # Where nothing is near, the answer says what is allowed or where to look.
 ELSE = {

@@ -82,7 +82,7 @@ def test_studies_have_it(hung: Path, capsys: pytest.CaptureFixture[str], tmp_pat
 
 def test_what_it_has_not_is_refused(hung: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, message in {
-        f"run {hung} --engine verlt": "'verlt': allowed: mujoco, dae, ode, verlet; did you mean verlet?",
+        f"run {hung} --engine verlt": "'verlt': allowed: mujoco, dae, ode, jax, verlet; did you mean verlet?",
         f"run {hung} --engine verlet --rtol 1e-9": "--rtol belongs to --engine dae or ode",
         f"run {hung} --engine verlet --accuracy 1e-6": "--accuracy belongs to --engine mujoco or dae or ode; verlet ",
         f"run {hung} --engine verlet --timestep 3e-4": "time step",

@@ -302,7 +302,7 @@ def test_a_star_in_brackets_draws_for_each_member() -> None:
         ({"samples": 3}, "nothing is drawn"),
         ({"samples": 0}, "samples = 0"),
         ({"seed": -1}, "seed = -1"),
-        ({"engine": tmj.MuJoCo}, "use one of MuJoCo, DAE, ODE, an object"),
+        ({"engine": tmj.MuJoCo}, "use one of MuJoCo, DAE, ODE, JAX, an object"),
         ({"law": lambda scene: None}, "at the top of its module"),
     ],
 )

@@ -205,14 +205,15 @@ class Differentiated:
         return self._last
 
 
+CONSTANT = ("nodes", "string_law", "duration")
 _NOT_DIFFERENTIATED = "JAX has no derivative by it; use another engine, as MuJoCo()"
 
 
 def _refuse_what_is_no_array(paths: tuple[str, ...]) -> None:
     for path in paths:
-        first, *_, last = parts_of(path.partition(".")[2], path)
-        kind = first.partition("[")[0]
-        if last not in DIFFERENTIATED.get(kind, () if kind in (*MEMBERS, "nodes", "string_law") else (last,)):
+        parts = parts_of(path.partition(".")[2], path)
+        kind, last = parts[0].partition("[")[0], parts[-1]
+        if last not in DIFFERENTIATED.get(kind, () if kind in (*MEMBERS, *CONSTANT) else (last,)):
             raise OptionError(f"{path}: {_NOT_DIFFERENTIATED}")
 
 
