@@ -26,7 +26,8 @@ class Request:
     @property
     def sampled(self) -> bool:
         """Whether the law is sampled."""
-        return self.law.own is not None and self.actuation.mode is not Mode.CONTINUOUS
+        there = bool(self.law.address) or self.law.own is not None  # compiled, or as arrays alone
+        return there and self.actuation.mode is not Mode.CONTINUOUS
 
 
 class Accelerations(Protocol):

@@ -234,7 +234,8 @@ def test_steps_end_where_data_begin_and_end():
     times = (0.0, 0.317, 0.6, 1.1)
     motion = Motion.data("r1", times, ((0, 0, 0), (0.2, 0, 0), (0.1, 0, 0), (0, 0, 0)))
     scene, _ = pendulum(motion)
-    from tensegrity_mj.engines.reference.marks import marks_of, output_times
+    from tensegrity_mj.engines.driving import output_times
+    from tensegrity_mj.engines.reference.marks import marks_of
 
     marks = [mark for mark, _, _ in marks_of(request(scene), output_times(request(scene)), with_outputs=False)]
     assert marks == [0.317, 0.6, 1.0]
