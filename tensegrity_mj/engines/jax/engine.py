@@ -147,10 +147,10 @@ class JAX:
         return Program(self, request).accelerations()
 
     def ensemble(self, requests: Sequence[Request], threads: int) -> JAXEnsemble:
-        """Many runs of RK4, for `simulate_many`; XLA has threads of its own."""
+        """Many runs of RK4 on threads, for `simulate_many`."""
         from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
 
-        return JAXEnsemble(self, requests)
+        return JAXEnsemble(self, requests, threads)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -36,9 +39,10 @@ class JAXEnsemble:
         stages: evaluations of the forces a step.
         counters: (S, 2): the second column has the steps.
         seconds: wall time of the integration of all.
+        blocks: how many threads have a part of the runs each: XLA computes a small array on one core.
     """
 
-    def __init__(self, options: JAX, requests: Sequence[Request]) -> None:
+    def __init__(self, options: JAX, requests: Sequence[Request], threads: int) -> None:
         if options.timestep is None:
             raise OptionError("simulate_many: engine JAX: the steps of many are fixed: use Method.RK4 and a timestep")
         self.options, self.requests, first = options, requests, requests[0]
@@ -48,20 +52,34 @@ class JAXEnsemble:
             _check_alike(number, request.scene, first.scene)
         self.program, self.grid = Program(options, first), Grid.of(first, options.timestep)
         own = [self.program.model.own_parameters(request.scene) for request in requests]
-        self.program.parameters |= {name: np.stack([one[name] for one in own], axis=-1) for name in own[0]}
+        self.batched = tuple(own[0])
+        self.program.parameters |= {name: np.stack([one[name] for one in own], axis=-1) for name in self.batched}
         width = self.program.parameters["nodes"].size // len(requests) * 2
         check_rows(float(len(requests)) * len(self.program.times), width)
         self.members: list[_Member] = []
         self.stages, self.seconds = self.program.steps.stages, 0.0
         self.counters = np.zeros((len(requests), 2), np.int64)
+        wanted = range(min(threads or os.cpu_count() or 1, len(requests)), 0, -1)
+        self.blocks = next(count for count in wanted if len(requests) % count == 0)  # of one size, on a thread each
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of one."""
-        rows, cost, _ = self.program.rows(f"{self.options}, {len(self.requests)} runs")
-        self.seconds, self.counters[:, 1] = cost["wall_time"], int(cost["steps"])
-        for number, request in enumerate(self.requests):
-            own = Observed(*(one if one.ndim == 1 else one[..., number] for one in rows))
-            self.members.append(_Member(self.options, request, self.grid, own, cost))
+        size, label = len(self.requests) // self.blocks, f"{self.options}, {len(self.requests)} runs"
+
+        def block(number: int) -> tuple[Observed, dict[str, float], int]:
+            own = copy(self.program)
+            mine = slice(number * size, (number + 1) * size)
+            own.parameters = {**own.parameters, **{name: own.parameters[name][..., mine] for name in self.batched}}
+            own.request = replace(own.request, progress=own.request.progress and number == 0)
+            return own.rows(label)
+
+        with ThreadPoolExecutor(self.blocks) as pool:
+            for number, (rows, cost, _) in enumerate(pool.map(block, range(self.blocks))):
+                self.seconds = max(self.seconds, cost["wall_time"])
+                for place, request in enumerate(self.requests[number * size : (number + 1) * size]):
+                    own = Observed(*(one if one.ndim == 1 else one[..., place] for one in rows))
+                    self.members.append(_Member(self.options, request, self.grid, own, cost))
+                self.counters[number * size : (number + 1) * size, 1] = int(cost["steps"])
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ class Program:
         parameters: of the scene and its law as they are; see `Model`.
         times: (T,) [s] at which runs are recorded.
         model, steps: what is integrated, and how.
+        kinds: pieces that are compiled.
     """
 
     def __init__(self, engine: JAX, request: Request, times: Array | None = None) -> None:
@@ -68,6 +69,8 @@ class Program:
             times = output_times(request) if times is None else times
             self.steps = ControlledSteps(times, scene.break_times, engine.tolerances)
         self.times = self.steps.times
+        self.kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
+        self._compiling = threading.Lock()
 
     def run(self, parameters: Any) -> Observed:
         """A run, with times first, as a function to be compiled and differentiated: (T, N, 3) nodes and so on."""
@@ -114,7 +117,6 @@ class Program:
             return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, 0.0, state, held, whole)[1])
 
         at, state, held, row = jax.jit(partial(begin, model))(self.parameters)
-        kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
         parts: list[Any] = []
         watch, steps, ended = Stopwatch(), 0, TO_THE_END
         if np.all(row.works[0, VOID] > 0):  # the law has no command at the start, where strings are as they are
@@ -122,11 +124,13 @@ class Program:
             parts.append(begin(lawless, self.parameters)[-1]._replace(works=row.works, report=row.report))
         with progress(self.request, label) as show:
             for piece in () if parts else self.steps.pieces(pieces):
-                if piece.kind not in kinds:
-                    before = time.perf_counter()
-                    kinds[piece.kind] = compiled(partial(take, piece.kind, model), at, state, held, piece.given)
-                    watch.start += time.perf_counter() - before
-                state, held, rows, more, how = kinds[piece.kind](at, state, held, piece.given)
+                before = time.perf_counter()
+                with self._compiling:
+                    if piece.kind not in self.kinds:
+                        made = compiled(partial(take, piece.kind, model), at, state, held, piece.given)
+                        self.kinds[piece.kind] = made
+                watch.start += time.perf_counter() - before
+                state, held, rows, more, how = self.kinds[piece.kind](at, state, held, piece.given)
                 steps, ended = steps + int(more), int(how)
                 parts.append(jax.tree.map(lambda x, kept=piece.kept: np.asarray(x)[kept], rows))
                 show(piece.end)
