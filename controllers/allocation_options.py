@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import choice, finite, flag, names, parts
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
 LINEAR = (
@@ -30,7 +31,7 @@ class WhenInfeasible(enum.Enum):
     HOLD = "hold"  # the last admissible u
 
 
-@dataclass(frozen=True)
+@value("sum", OptionError)
 class Sum:
     """One row of A_sum u >= u_sum, (4.13).
 
@@ -39,11 +40,11 @@ class Sum:
         strings: names of the strings that count; None for all (strategy 1).
     """
 
-    minimum: float
-    strings: tuple[str, ...] | None = None
+    minimum: float = field(finite("N/m"))
+    strings: tuple[str, ...] | None = field(names("string"), default=None, none='None, in files "all"')
 
 
-@dataclass(frozen=True, eq=False)
+@value("allocation", OptionError, eq=False)
 class Allocation:
     """What is wanted of the force densities.
 
@@ -56,13 +57,13 @@ class Allocation:
         respect_limits: whether the strings' own `max_force_density` and `min_rest_length` bound u too.
     """
 
-    weight: ArrayLike = 1.0
-    minimum_force_density: ArrayLike = 0.0
-    maximum_force_density: ArrayLike = np.inf
-    sums: Sequence[Sum] = ()
-    linear: ArrayLike | None = None
-    on_infeasible: WhenInfeasible = WhenInfeasible.STOP
-    respect_limits: bool = True
+    weight: ArrayLike = field(None, default=1.0)
+    minimum_force_density: ArrayLike = field(None, default=0.0)
+    maximum_force_density: ArrayLike = field(None, default=np.inf)
+    sums: tuple[Sum, ...] = field(parts(Sum), default=())
+    linear: ArrayLike | None = field(None, default=None)
+    on_infeasible: WhenInfeasible = field(choice(WhenInfeasible), default=WhenInfeasible.STOP)
+    respect_limits: bool = field(flag(), default=True)
 
     @property
     def discontinuous(self) -> str:

@@ -90,7 +90,6 @@ def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, se
 _NoisyView, _pack_noisy = view_of(
     "NoisyLaw",
     **WITHIN,
-    node_count="size",
     seed="size",
     period="real",
     position_std="real",
@@ -102,7 +101,6 @@ _NoisyView, _pack_noisy = view_of(
 _DelayedView, _pack_delayed = view_of(
     "DelayedLaw",
     **WITHIN,
-    string_count="size",
     slots="size",  # samples of delay, and one
     period="real",
     # By the number of a sample modulo slots: that number, and what the law answered.

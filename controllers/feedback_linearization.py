@@ -24,14 +24,13 @@ from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.basics.hints import hints_of
 from tensegrity_mj.controllers.allocation_options import Allocation, Sum
 from tensegrity_mj.controllers.error_equation import Known, error_equation
-from tensegrity_mj.controllers.known import Effect, KnownWater, PackedEffects, described, set_model
+from tensegrity_mj.controllers.known import KnownWater, ModelLaw, PackedEffects, described
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -39,38 +38,28 @@ LARGEST = 1e9  # of ω_o [rad/s] and ζ: gains beyond would leave nothing of the
 
 
 @dataclass(frozen=True, eq=False)
-class FeedbackLinearization:
+class FeedbackLinearization(ModelLaw):
     """The law of chapter 4.
 
     Attributes:
-        structure: what the law believes it controls (masses, supports, lengths).
-        target: set-point, path or curve; an array (N, 3) counts as a set-point.
+        ...: those of `ModelLaw`, such as its structure and its target.
         natural_frequency: ω_o [rad/s] > 0, a number or one for each of `coordinates`.
         damping: ζ >= 0 of the error dynamics, likewise.
         allocation: of the force densities.
-        gravity: g [m/s²] that the law accounts for.
-        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
-        model: the scene in which these act.
         report: after each call, see `Report`.
 
     Raises:
         OptionError, SceneError: for options that are out of range, or a bad target.
     """
 
-    structure: Structure
-    target: Target | Array
     natural_frequency: ArrayLike = 1.0
     damping: ArrayLike = 1.0
     allocation: Allocation = field(default_factory=Allocation)
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    known: Sequence[Effect] = ()
-    model: Scene = field(init=False, repr=False)
 
-    command = Command.FORCE_DENSITY
     arrays = "tensegrity_mj.engines.jax.linearizing_law:linearizing_law"
 
     def __post_init__(self) -> None:
-        set_model(self)
+        super().__post_init__()
         frequency = real_array("natural_frequency", self.natural_frequency, (len(self.coordinates),), "rad/s")
         damping = real_array("damping", self.damping, (len(self.coordinates),))
         if not np.all((frequency > 0) & (frequency <= LARGEST)):
@@ -227,7 +216,7 @@ def from_options(
     target: Target | Array,
     *,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    known: Sequence[Effect] = (),
+    known: Sequence[Any] = (),
     natural_frequency: ArrayLike = 1.0,
     damping: ArrayLike = 1.0,
     sums: Sequence[Sequence[Any]] = (),
@@ -239,16 +228,17 @@ def from_options(
         OptionError, SceneError: as the law, and for sums of another form.
     """
     try:
-        pairs = [(chosen, minimum) for chosen, minimum in sums]
+        pairs = [(None if chosen == "all" else chosen, minimum) for chosen, minimum in sums]
     except (TypeError, ValueError):
         raise OptionError(f'sums = {sums!r}; it must be a list of pairs [["name", ...] or "all", minimum]') from None
     rows = []
     for number, (chosen, minimum) in enumerate(pairs):
-        if chosen != "all" and (isinstance(chosen, str) or not isinstance(chosen, Sequence)):
-            raise OptionError(f'sums[{number}]: strings = {chosen!r}; it must be a list of names, or "all"')
-        rows.append(Sum(minimum, None if chosen == "all" else tuple(chosen)))
+        try:
+            rows.append(Sum(minimum, chosen))
+        except OptionError as error:
+            raise OptionError(f"sums[{number}]: {error}") from None
     options = Allocation(sums=tuple(rows), **allocation)
-    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, known)
+    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity=gravity, known=known)
 
 
 LAW = NamedLaw(from_options, {**hints_of(Allocation), "water": KnownWater})

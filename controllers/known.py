@@ -7,15 +7,17 @@ rods is mass.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.elements import native_element
+from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.capabilities import require_rigid
@@ -78,28 +80,44 @@ def known_scene(structure: Structure, gravity: tuple[float, float, float], known
     )
 
 
-def set_model(law: Any) -> None:
-    """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
+@dataclass(frozen=True, eq=False)
+class ModelLaw:
+    """A law that has a model of what it controls; `target`, `gravity` and `known` are kept in one form.
 
-    Its `structure` has no mass on strings. Its `model` is the scene in which acts what it accounts for.
+    Attributes:
+        structure: what the law believes it controls (masses, supports, lengths); no string of it has a mass.
+        target: set-point, path or curve; an array (N, 3) counts as a set-point.
+        gravity: g [m/s²] that the law accounts for.
+        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        model: the scene in which these act.
 
     Raises:
-        OptionError, SceneError: for what cannot be its model.
+        OptionError, SceneError: for what cannot be its model, and for a bad target.
     """
-    instance("structure", law.structure, Structure, "use a Structure (scene.structure)")
-    require_rigid(law.structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
-    object.__setattr__(law, "structure", law.structure.massless)
-    if law.target is None:
-        raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
-    target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)
-    check_target(law.structure, target)
-    x, y, z = real_array("gravity", law.gravity, (3,), "m/s²", scalar=False).tolist()
-    model = known_scene(law.structure, (x, y, z), law.known)
-    loads: Any = model.loads  # no function here
-    known = tuple(one for one in (*loads, model.resistance, model.water, *model.elements) if one is not None)
-    kept = {"target": target, "gravity": (x, y, z), "known": known, "model": model}
-    for name, value in kept.items():
-        object.__setattr__(law, name, value)
+
+    structure: Structure
+    target: Target | Array
+    gravity: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    known: Sequence[Effect] = field(default=(), kw_only=True)
+    model: Scene = field(init=False, repr=False)
+
+    command = Command.FORCE_DENSITY
+
+    def __post_init__(self) -> None:
+        instance("structure", self.structure, Structure, "use a Structure (scene.structure)")
+        require_rigid(self.structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
+        if self.target is None:
+            raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
+        structure = self.structure.massless
+        target = self.target if isinstance(self.target, Target) else Target.set_point(self.target)
+        check_target(structure, target)
+        x, y, z = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False).tolist()
+        model = known_scene(structure, (x, y, z), self.known)
+        loads: Any = model.loads  # no function here
+        known = tuple(one for one in (*loads, model.resistance, model.water, *model.elements) if one is not None)
+        kept = {"structure": structure, "target": target, "gravity": (x, y, z), "known": known, "model": model}
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
 
 
 class _Errors(list[Any]):

@@ -13,7 +13,7 @@ where pᵀḃ = -b_dᵀḃ = φ̇ sin φ for a projection onto b⊥, and cos φ 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.rods import ends
+from tensegrity_mj.model.rods import directions
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -121,10 +121,10 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
     aim = target_positions(structure, run.scene.target, run.time)
     if aim is None:
         raise OptionError(f"scene '{run.scene.name}' has no target, relative to which a rod has an angle")
-    axes = _directions(structure, aim, number)
+    axes = directions(structure, aim)[:, number]
     if not np.all(axes == axes[0]):
         raise OptionError(f"scene '{run.scene.name}': its target moves, and a landscape stands about a set-point")
-    b, rate = _directions(structure, run.nodes, number), _directions(structure, run.velocities, number)
+    b, rate = (directions(structure, values)[:, number] for values in (run.nodes, run.velocities))
     normal = np.cross(axes, b)  # sin φ long, along b_d × b
     sine = np.linalg.norm(normal, axis=1)
     apart = sine > 0
@@ -142,11 +142,6 @@ def _numbers(what: str, values: ArrayLike) -> Array:
         return np.asarray(values, float)
     except (TypeError, ValueError):
         raise OptionError(f"{what} = {values!r}; it must be a number or an array of numbers") from None
-
-
-def _directions(structure: Structure, nodes: Any, rod: int) -> Array:
-    first, second = ends(structure, nodes)
-    return np.asarray((second[:, rod] - first[:, rod]) / structure.rod_lengths[rod])
 
 
 def _rod_number(structure: Structure, rod: str | None) -> int:

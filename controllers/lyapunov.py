@@ -18,12 +18,7 @@ from tensegrity_mj.controllers.table import NamedLaw
 
 @dataclass(frozen=True, eq=False)
 class Lyapunov(QuadraticLaw):
-    """The law of Theorem 5.1 with the explicit minima of Lemma 5.1; its options are those of `QuadraticLaw`.
-
-    Raises:
-        OptionError, SceneError: for gains that are not positive definite, δ <= 0, another norm, a bad target, a ceiling
-            below its threshold.
-    """
+    """The law of Theorem 5.1 with the explicit minima of Lemma 5.1; options and errors are those of `QuadraticLaw`."""
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

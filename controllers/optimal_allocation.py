@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_definite, finite, instance, member, real_array, sequence_of, shape_of
-from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
+from tensegrity_mj.basics.checks import check_definite, instance, real_array, sequence_of, shape_of
+from tensegrity_mj.controllers.allocation_options import Allocation, WhenInfeasible
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, Program, columns_of, maximize_dual
 from tensegrity_mj.errors import ControllerError, InfeasibleError, OptionError
@@ -58,9 +58,6 @@ class Allocator:
     def __init__(self, allocation: Allocation, structure: Structure, equations: Sequence[Equation]) -> None:
         instance("allocation", allocation, Allocation, "use Allocation(...)")
         instance("structure", structure, Structure, "use a Structure (scene.structure)")
-        if not isinstance(allocation.respect_limits, (bool, np.bool_)):
-            raise OptionError(f"respect_limits = {allocation.respect_limits!r}; allowed: True, False")
-        member("on_infeasible", allocation.on_infeasible, WhenInfeasible)
         self.options = allocation
         self.names = [string.name for string in structure.strings]
         self.equations = list(sequence_of("equations", equations, OptionError))
@@ -91,21 +88,17 @@ class Allocator:
         self._last: Array | None = None
 
     def _sums(self) -> tuple[Array, Array]:
-        rows, values = [], []
-        for number, one in enumerate(sequence_of("sums", self.options.sums, OptionError)):
-            if not isinstance(one, Sum):
-                raise OptionError(f"sums[{number}] = {one!r}; use Sum(minimum, strings)")
-            values.append(finite(f"sums[{number}]: minimum", one.minimum, " [N/m]"))
-            chosen: Sequence[str] = self.names
-            if one.strings is not None:
-                chosen = sequence_of(f"sums[{number}]: strings", one.strings, OptionError)
+        rows = []
+        for number, one in enumerate(self.options.sums):
+            chosen = self.names if one.strings is None else one.strings
             for name in chosen:
                 if name not in self.names:
                     raise OptionError(
                         f"sums[{number}]: unknown string {name!r}; the strings are {', '.join(self.names)}"
                     )
             rows.append([float(name in chosen) for name in self.names])
-        return np.array(rows, float).reshape(len(rows), len(self.names)), np.array(values, float)
+        values = np.array([one.minimum for one in self.options.sums], float)
+        return np.array(rows, float).reshape(len(rows), len(self.names)), values
 
     def solve(self, A: Array, d: Array, nodes: Array | None = None) -> Allotment:
         """The force densities for A (n, M) u = d (n,).

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, sequence_of
-from tensegrity_mj.controllers.replay import cubics
+from tensegrity_mj.controllers.replay import Cubics
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, check_made_for
 from tensegrity_mj.errors import OptionError
@@ -24,7 +23,7 @@ Move = tuple[str, float, float, float]  # string, begin [s], end [s], fraction o
 NEED = "each move is [string, begin, end, fraction], with 0 <= begin < end [s] and a fraction > 0 of its rest length"
 
 
-class Program:
+class Program(Cubics):
     """Rest lengths by a list of moves.
 
     Args:
@@ -39,7 +38,6 @@ class Program:
     """
 
     command = Command.REST_LENGTH
-    arrays = "tensegrity_mj.engines.jax.laws:program_law"
 
     def __init__(
         self,
@@ -60,7 +58,8 @@ class Program:
         self.moves = tuple(sorted(rows, key=lambda row: row[1]))
         times = np.unique([0.0, *(time for _, begin, end, _ in rows for time in (begin, end))])
         self.times = times if len(times) > 1 else np.array([0.0, 1.0])
-        self.coefficients = np.zeros((len(self.times) - 1, len(names), 4))  # highest power first
+        # The last piece stands still: what a move ends with is held.
+        self.coefficients = np.zeros((len(self.times), len(names), 4))
         self.coefficients[:, :, 3] = structure.rest_lengths
         until: dict[str, float] = {}
         for name, begin, end, fraction in self.moves:
@@ -85,18 +84,7 @@ class Program:
     def native(self, structure: Structure) -> NativeLaw:
         """The compiled law."""
         check_made_for(self.structure, structure)
-        # A last piece stands still: what a move ends with is held.
-        times = np.append(self.times, self.times[-1] + 1.0)
-        held = np.zeros((1, *self.coefficients.shape[1:]))
-        held[0, :, 3] = self(self.times[-1])
-        return cubics(times, np.concatenate([self.coefficients, held]), Command.REST_LENGTH)
-
-    def __call__(self, time: float, nodes: Array | None = None, velocities: Array | None = None) -> Array:
-        """Rest lengths (M,) [m] at a time [s]."""
-        at = min(max(time, 0.0), self.times[-1])
-        piece = min(max(int(np.searchsorted(self.times, at, side="right")) - 1, 0), len(self.coefficients) - 1)
-        powers = (at - self.times[piece]) ** np.array([3.0, 2.0, 1.0, 0.0])
-        return np.asarray(self.coefficients[piece] @ powers)
+        return super().native(structure)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

@@ -35,8 +35,7 @@ class Projection(QuadraticLaw):
             mapping rod name -> K (others have none).
 
     Raises:
-        OptionError, SceneError: for gains that are not positive definite, K that is not positive semidefinite, δ <= 0,
-            another norm, a bad target, a ceiling below its threshold.
+        OptionError, SceneError: as `QuadraticLaw`, and for K that is not positive semidefinite.
     """
 
     onto: Onto = Onto.CURRENT

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any
@@ -21,7 +20,7 @@ from tensegrity_mj.basics.hints import fitted, hints_of
 from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import Gains, GainsOfRods, gain_records
-from tensegrity_mj.controllers.known import Effect, PackedEffects, described, set_model
+from tensegrity_mj.controllers.known import ModelLaw, PackedEffects, described
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
@@ -35,7 +34,7 @@ from tensegrity_mj.controllers.quadratic_terms import (
     world_gains,
 )
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, Command, NativeLaw, Report, check_made_for
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
 from tensegrity_mj.dynamics.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
@@ -49,7 +48,6 @@ from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target, standing_targets
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.rigidity import equilibrium_force_densities
-from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -123,45 +121,35 @@ def _norm(value: Any) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticLaw:
+class QuadraticLaw(ModelLaw):
     """A law that makes a quadratic V fall as V̇ = -δ V, with the explicit minima of Lemma 5.1.
 
     Attributes:
-        structure: what the law believes it controls (masses, supports, lengths).
-        target: set-point, path or curve; an array (N, 3) counts as a set-point.
+        ...: those of `ModelLaw`, such as its structure and its target.
         decay_rate: δ [1/s] > 0 of V̇ = -δ V.
         norm: 1, 2 or math.inf. 1 and ∞ give discontinuous laws, which run sampled only.
         translation, rotation: gains of every rod, or a mapping rod name -> Gains (others keep the default).
         minimum_force_density: ū [N/m] >= 0, scalar or (M,): the residual prestress at the end of §5.3.
         maximum_force_density: [N/m], scalar or (M,), inf for none.
         respect_limits: keep within the strings' `max_force_density` and `min_rest_length` too.
-        gravity: g [m/s²] that the law accounts for.
-        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
-        model: the scene in which these act.
 
     Raises:
         OptionError, SceneError: for gains that are not positive definite, δ <= 0, another norm, a bad target, a ceiling
             below its threshold.
     """
 
-    structure: Structure
-    target: Target | Array
     decay_rate: Annotated[float, kinds.positive("1/s")] = 1.0
     norm: Annotated[float, Kind(_norm)] = 2
     translation: GainsOfRods = field(default_factory=Gains)
     rotation: GainsOfRods = field(default_factory=Gains)
     minimum_force_density: ArrayLike = 0.0
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
-    known: Sequence[Effect] = ()
-    model: Scene = field(init=False, repr=False)
 
-    command = Command.FORCE_DENSITY
     arrays = "tensegrity_mj.engines.jax.quadratic_law:quadratic_law"
 
     def __post_init__(self) -> None:
-        set_model(self)
+        super().__post_init__()
         for name in ("decay_rate", "norm", "translation", "rotation", "respect_limits"):
             object.__setattr__(self, name, fitted(name, getattr(self, name), _HINTS[name]))
         if np.any(self.floor < 0):

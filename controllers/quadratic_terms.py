@@ -77,16 +77,10 @@ class Terms(NamedTuple):
 Known, pack_known = view_of(
     "QuadraticLaw",
     node_count="size",
-    string_count="size",
-    rod_count="size",
-    point_count="size",
-    member_count="size",
-    time_count="size",
     rods=(ROD, "rod_count"),
     points=(POINT, "point_count"),
     gains=(WORLD_GAINS, "member_count"),
     kind="size",  # PLAIN, ONTO_CURRENT or ONTO_TARGET
-    segment_count="size",
     segments=("i8", "segment_count", 2),
     ranges=("i8", "string_count", 2),
     target="size",  # address of an `Aim`: where it moves

@@ -24,9 +24,6 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 _Record, _pack_record = view_of(
     "Replay",
-    time_count="size",
-    piece_count="size",
-    string_count="size",
     times=("f8", "time_count"),
     coefficients=("f8", "piece_count", "string_count", 4),  # of cubics from each time on, highest power first
 )
@@ -48,12 +45,38 @@ def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type
 
 
 def cubics(times: Array, coefficients: Array, command: Command) -> NativeLaw:
-    """The compiled law of cubics (T - 1, M, 4) in the time since each of the times (T,) [s], highest power first."""
+    """The compiled law of `Cubics` of these."""
     packed = _pack_record(times=times, coefficients=coefficients)
-    return NativeLaw(address=_replay.address, context=packed.address, keep=(packed,), command=command, stateless=True)
+    return NativeLaw(_replay.address, packed.address, (packed,), command=command, stateless=True)
 
 
-class Replay:
+class Cubics:
+    """A law of time alone: cubics from each time on, with which values stand still before the first and after the last.
+
+    Attributes:
+        times: (T,) increasing [s], T >= 2.
+        coefficients: (T, M, 4) or (T - 1, M, 4) in the time since each of these, highest power first.
+        command: what they are.
+    """
+
+    times: Array
+    coefficients: Array
+    command: Command
+    arrays = "tensegrity_mj.engines.jax.laws:cubic_law"
+
+    def __call__(self, time: float, nodes: Array | None = None, velocities: Array | None = None) -> Array:
+        """The values (M,) at a time [s]."""
+        at = np.searchsorted(self.times, time + 1e-9 * (self.times[1] - self.times[0]), side="right") - 1
+        piece = min(max(int(at), 0), len(self.coefficients) - 1)
+        since = min(max(time, self.times[0]), self.times[-1]) - self.times[piece]
+        return np.asarray(self.coefficients[piece] @ since ** np.array([3.0, 2.0, 1.0, 0.0]))
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """The compiled law."""
+        return cubics(self.times, self.coefficients, self.command)
+
+
+class Replay(Cubics):
     """Values over time as a law: between the given times they are held, or follow a cubic spline.
 
     Args:
@@ -68,8 +91,6 @@ class Replay:
         OptionError: for shapes that do not match, times that do not increase, or values that are not finite or that no
             winch can set.
     """
-
-    arrays = "tensegrity_mj.engines.jax.laws:replay_law"
 
     def __init__(
         self,
@@ -163,32 +184,16 @@ class Replay:
             raise OptionError(
                 f"replay: values for {self.values.shape[1]} strings, but structure '{structure.name}' has {size}"
             )
-        times = self.times
-        if self.held:
-            times = np.append(times, times[-1] + 1.0)  # the last value stands, too
-            coefficients = np.zeros((len(self.values), size, 4))
-            coefficients[:, :, 3] = self.values
-        else:
-            coefficients = np.moveaxis(self.spline.c, 0, -1)
         return replace(
-            cubics(times, coefficients, self.command),
-            discontinuous=self.discontinuous,
-            period=self.period,
-            until=float(self.times[-1]),
+            super().native(structure), discontinuous=self.discontinuous, period=self.period, until=float(self.times[-1])
         )
 
-    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
-        """The values (M,) at a time."""
-        clipped = min(max(time, self.times[0]), self.times[-1])
-        if self.held:
-            row = np.searchsorted(self.times, clipped + 1e-9 * (self.times[1] - self.times[0]), side="right") - 1
-            return np.array(self.values[max(row, 0)])
-        return np.asarray(self.spline(clipped))
-
     @cached_property
-    def spline(self) -> Any:
-        """SciPy's, through values that are not held."""
-        return self._spline_of(slice(None))
+    def coefficients(self) -> Array:  # type: ignore[override]
+        """(T, M, 4) of held values, (T - 1, M, 4) of a spline through them."""
+        if self.held:
+            return np.pad(self.values[:, :, None], ((0, 0), (0, 0), (3, 0)))
+        return np.ascontiguousarray(np.moveaxis(self._spline_of(slice(None)).c, 0, -1))
 
     def _spline_of(self, which: slice) -> Any:
         from scipy.interpolate import CubicSpline

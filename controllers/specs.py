@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, Spec, digest_of, found, imported, is_of_text, is_own, named, title_of
-from tensegrity_mj.controllers.scenes import from_scene, named_in
+from tensegrity_mj.controllers.scenes import from_scene, law_named, named_in
 from tensegrity_mj.controllers.table import LAWS, NamedLaw, built_in
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
@@ -120,10 +119,7 @@ def _of_text(text: str, options: dict[str, Any]) -> Spec:
     if text in LAWS:
         return _of_name(text, options)
     if not is_own(text):
-        raise OptionError(
-            f"law = {text!r}: it is no built-in law{closest(text, LAWS)}; built in are {', '.join(LAWS)}; for your own "
-            "write module:name or path.py:name"
-        )
+        law_named(text, "law")  # which says what there is
     return named(text) | {"options": options}
 
 

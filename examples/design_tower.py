@@ -29,10 +29,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from optimum import Optimum, least
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import incidence, times
-from tensegrity_mj.engines.jax.optimum import Optimum, least
 from tensegrity_mj.engines.jax.small_motions import frequency_squares
 from tensegrity_mj.model import Load, Section
 from tensegrity_mj.statics import ALUMINIUM, UHMWPE, check_state, find_equilibrium, minimal_mass, natural_modes

@@ -34,6 +34,7 @@ from tensegrity_mj.commands import (
     validate,
     view,
 )
+from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 from tensegrity_mj.errors import (
@@ -146,6 +147,7 @@ def _print(text: str) -> None:
 
 def _executed(options: argparse.Namespace) -> Outcome:
     """What a command answers; OptionError where a law exits, whose code would be taken for the command's."""
+    prepare(options)
     try:
         outcome: Outcome = options.execute(options)
     except SystemExit as leaving:

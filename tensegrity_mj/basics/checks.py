@@ -54,12 +54,17 @@ def shape_of(value: Any) -> tuple[int, ...] | None:
 
 
 def real_array(
-    what: str, value: Any, shape: tuple[int, ...], unit: str = "", scalar: bool = True
+    what: str,
+    value: Any,
+    shape: tuple[int, ...],
+    unit: str = "",
+    scalar: bool = True,
+    error: type[TensegrityError] = OptionError,
 ) -> NDArray[np.float64]:
     """The value as a real, finite array of the given shape; one number stands for all of them where `scalar`.
 
     Raises:
-        OptionError: naming what it is and the shape it must have.
+        TensegrityError: of that class, naming what it is, the shape it has and the shape it must have.
     """
     try:
         array = np.asarray(value)
@@ -68,11 +73,15 @@ def real_array(
         if array.shape != shape and not (scalar and array.shape == ()):
             raise ValueError
         array = np.broadcast_to(array.astype(float), shape)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         allowed = f"{'a number or ' if scalar else ''}an array of shape {shape}"
-        raise OptionError(f"{what} = {value_text(value)}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
+        found = f" of shape {shape_of(value)}" if shape_of(value) else ""
+        given = f"{what} = {value_text(value)}{found}"
+        raise error(f"{given}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
     if not np.all(np.isfinite(array)):
-        raise OptionError(f"{what} = {value_text(value)}; every number must be finite")
+        place = np.argwhere(~np.isfinite(array))[0].tolist() if shape_of(value) else []
+        found = array[tuple(place)] if place else value_text(value)
+        raise error(f"{what}{place or ''} = {found}; every number must be finite")
     return array
 
 

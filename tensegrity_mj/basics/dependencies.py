@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 EXTRA = "dm-control-needs"
 
 
-def optional(package: str, what: str) -> Any:
-    """A package that is needed by one call alone, imported.
+def optional(package: str, what: str, wanted: str = "") -> Any:
+    """A package that is needed by one call alone, imported; `wanted` is what to install, by default the package.
 
     Raises:
         MissingPackageError: naming that call and the command that installs the package.
@@ -30,8 +30,18 @@ def optional(package: str, what: str) -> Any:
         return import_module(package)
     except ImportError as error:
         raise MissingPackageError(
-            f"{what} needs {package}, which cannot be imported ({error}); install it: python -m pip install {package}"
+            f"{what} needs {package}, which cannot be imported ({error}); install it: python -m pip install "
+            f"{wanted or package}"
         ) from None
+
+
+def unmet(item: Requirement) -> str:
+    """Why no installed package meets a requirement, or ""."""
+    try:
+        version = metadata.version(item.name)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+    return "" if item.specifier.contains(version, prereleases=True) else f"{version}, needed: {item.specifier}"
 
 
 def requirements_of_dm_control() -> list[Requirement]:
@@ -49,15 +59,7 @@ def requirements_of_dm_control() -> list[Requirement]:
 
 def missing_for_dm_control() -> list[str]:
     """Requirements such as "dm-env" that no installed package meets; none where `tensegrity_mj.dm_control` works."""
-    missing = []
-    for item in requirements_of_dm_control():
-        try:
-            met = item.specifier.contains(metadata.version(item.name), prereleases=True)
-        except metadata.PackageNotFoundError:
-            met = False
-        if not met:
-            missing.append(f"{item.name}{item.specifier}")
-    return missing
+    return [f"{item.name}{item.specifier}" for item in requirements_of_dm_control() if unmet(item)]
 
 
 def how_to_install(missing: list[str], python: tuple[int, int] = sys.version_info[:2]) -> str:

@@ -308,6 +308,25 @@ def many(kind: Kind, need: str) -> Kind:
     )
 
 
+def mapping(name: Kind, of: Kind, need: str, item: str, least: int = 0) -> Kind:
+    """A map of names to values of a kind, `least` in files; `item` is what messages call one."""
+
+    def plain(value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise not_allowed(value, need)
+        found = {}
+        for key, one in value.items():
+            try:
+                found[name.plain(key)] = of.plain(one)
+            except Wrong as wrong:
+                raise Wrong(f": {item} {key!r}{wrong}") from None
+        return found
+
+    schema: dict[str, Any] = {"type": "object"} | ({"additionalProperties": dict(of.schema)} if of.schema else {})
+    schema |= {"minProperties": least} if least else {}
+    return Kind(plain, need, lambda value: is_table(value) and all(map(of.fits, value.values())), schema=schema)
+
+
 def part(of: type, use: str = "") -> Kind:
     """A value of a value class; `use` says how to make one."""
     return Kind(lambda value: instance(value, of, use), "a table", is_table, part=of)

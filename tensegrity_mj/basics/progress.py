@@ -1,17 +1,22 @@
-"""Progress bars: on stderr where that is a terminal, below the cell of a notebook, and nowhere else."""
+"""Progress on stderr: a bar on a terminal or below the cell of a notebook, elsewhere a line now and then."""
 
 from __future__ import annotations
 
 import sys
+import time
 from typing import Any
 
 from tensegrity_mj.errors import printable
 
+SPARSE = 30.0  # s between lines at the beginning
+
 
 def bar(shown: bool, desc: str, **settings: Any) -> Any:
-    """A bar of tqdm with its settings, or one that shows nothing where none is to be shown or could be seen."""
-    if not (shown and (in_notebook() or sys.stderr.isatty())):
+    """A bar of tqdm with its settings; lines where it could not be seen, and nothing where none is to be shown."""
+    if not shown:
         return NoBar()
+    if not (in_notebook() or sys.stderr.isatty()):
+        return Lines(printable(desc), settings.get("total"))
     if in_notebook():
         from tqdm.auto import tqdm  # a widget, or text where ipywidgets is not installed
     else:
@@ -44,3 +49,23 @@ class NoBar:
 
     def __exit__(self, *_: object) -> None:
         pass
+
+
+class Lines(NoBar):
+    """A line after half a minute, and each time when as much, and a tenth of all time so far, has gone by since."""
+
+    def __init__(self, desc: str, total: float | None) -> None:
+        self.desc, self.total, self.begun, self.last = desc, total, time.monotonic(), 0.0
+
+    def update(self, more: float = 1) -> None:
+        """Count on, and print a line where it is time."""
+        self.n += more
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Print a line where it is time."""
+        elapsed = time.monotonic() - self.begun
+        if elapsed - self.last >= SPARSE + 0.1 * elapsed:
+            self.last = elapsed
+            reached = f"{100 * self.n / self.total:.0f} %" if self.total else f"{self.n:g}"
+            print(f"{self.desc}: {reached} after {elapsed:.0f} s", file=sys.stderr, flush=True)

@@ -8,7 +8,7 @@ from typing import Any
 import tensegrity_mj.library as library
 from tensegrity_mj import pictures, runs
 from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.commands.common import PLOT_SUFFIXES, Outcome, number, output_file, table
+from tensegrity_mj.commands.common import Outcome, number, table
 from tensegrity_mj.errors import OptionError
 
 SHOWN = 20  # events, to people
@@ -28,8 +28,7 @@ def kinds(text: str) -> list[runs.Pairs]:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Read the run or the scene, and search it."""
-    out = output_file(options.out, "--out", PLOT_SUFFIXES)
-    is_run = options.input.lower().endswith(".nc")
+    out, is_run = options.out, options.input.lower().endswith(".nc")
     if out and not is_run:
         raise OptionError(f"--out plots distances over time, and {options.input} is one shape: give the file of a run")
 

@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import checked, made_folder, table_beside
 from tensegrity_mj.basics.texts import aligned
@@ -37,7 +37,6 @@ class ExitCode(enum.IntEnum):
 
 SHARED = table_beside(str(Path(__file__).with_name("shared")))
 EXIT_CODES: str = SHARED["exit_codes"]
-PLOT_SUFFIXES = (".png", ".pdf", ".svg")
 
 
 @dataclass(frozen=True)
@@ -77,36 +76,15 @@ def warn(text: str) -> None:
     print(f"warning: {printable(text)}", file=sys.stderr)
 
 
-@overload
-def output_file(path: str, option: str, suffixes: Sequence[str]) -> Path: ...
-@overload
-def output_file(path: None, option: str, suffixes: Sequence[str]) -> None: ...
-def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path | None:
-    """The path, once it is certain that a file can be written there; None where none is given.
-
-    Raises:
-        OptionError: wrong suffix, missing or unwritable folder, or something there that is no writable file.
-    """
-    if path is None:
-        return None
-    return checked(path, suffixes, option)
-
-
-@overload
-def output_folder(path: str | os.PathLike[str], files: Sequence[str]) -> Path: ...
-@overload
-def output_folder(path: str | None, files: Sequence[str]) -> Path | None: ...
-def output_folder(path: str | os.PathLike[str] | None, files: Sequence[str]) -> Path | None:
+def output_folder(path: str | os.PathLike[str], files: Sequence[str]) -> Path:
     """The folder of --out, made if it is absent, once it is certain that these files can be written in it.
 
     Raises:
-        OptionError: as `output_file`, or where no folder can be made.
+        OptionError: as `basics.files.checked`, or where no folder can be made.
     """
-    if path is None:
-        return None
     folder = made_folder(path)
     for file in files:
-        output_file(str(folder / file), "--out", (Path(file).suffix,))
+        checked(folder / file, (Path(file).suffix,), "--out")
     return folder
 
 

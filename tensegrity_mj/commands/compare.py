@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import pictures, runs
+from tensegrity_mj.basics.files import checked
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
-    PLOT_SUFFIXES,
     ExitCode,
     Outcome,
     code_of_status,
     for_paper,
     number,
-    output_file,
     positive,
     refuse,
     table,
@@ -54,10 +53,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Simulate twice, or read two files, and compare; or score tables."""
     if options.score:
         return _scored(options)
-    refuse(options, ("steps",), "belongs to --score")
-    plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
-    if plot is None:
-        refuse(options, ("paper",), "needs --plot FILE.pdf")
+    plot = options.plot
     if all(name.lower().endswith((".nc", ".csv")) for name in options.inputs):
         first, second = _read(options)
         if not (isinstance(first, runs.Trajectory) and isinstance(second, runs.Trajectory)):
@@ -153,7 +149,6 @@ def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comp
 def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> Outcome:
     """Compare a run with a table of another program."""
     found = _compared(first, second, options)
-    assert isinstance(found, runs.TableComparison)
     if plot:
         with for_paper(options.paper):
             pictures.plots.plot_comparison(found, plot)
@@ -255,4 +250,4 @@ def _outputs(out: str | None, engines: Sequence[str]) -> dict[str, Path]:
         return {}
     is_folder = out.endswith(("/", "\\")) or Path(out).is_dir()
     start = f"{out.rstrip('/')}/" if is_folder else f"{out.removesuffix('.nc')}-"
-    return {name: output_file(f"{start}{name}.nc", "--out", (".nc",)) for name in engines}
+    return {name: checked(f"{start}{name}.nc", (".nc",), "--out") for name in engines}

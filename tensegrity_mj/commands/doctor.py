@@ -9,9 +9,14 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
+from typing import TYPE_CHECKING
 
+from tensegrity_mj.basics import dependencies
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands.common import ExitCode, Outcome
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -88,33 +93,25 @@ def check_packages() -> list[Check]:
     # Nothing but its adapter needs dm-control, which pip cannot install everywhere: it has a check of its own.
     wanted = [item for item in wanted if item.name != "dm-control"]
     here = [item for item in wanted if item.marker is None or item.marker.evaluate({"extra": ""})]
-    return [check_package(item.name, str(item.specifier)) for item in here]
+    return [check_package(item) for item in here]
 
 
-def check_package(name: str, specifier: str) -> Check:
-    """One package: whether it is installed in a version that fits the specifier, such as ">=4.0,<5"."""
-    from packaging.specifiers import SpecifierSet
-
-    remedy = f'python -m pip install "{name}{specifier}"'
-    try:
-        version = metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return Check(name, False, "not installed", "everything", remedy=remedy)
-    if not SpecifierSet(specifier).contains(version, prereleases=True):
-        return Check(name, False, f"{version}, needed: {specifier}", "everything", remedy=remedy)
-    return Check(name, True, version, "everything")
+def check_package(item: Requirement) -> Check:
+    """One package: whether it is installed in a version that is required, such as "mujoco>=4.0,<5"."""
+    if found := dependencies.unmet(item):
+        remedy = f'python -m pip install "{item.name}{item.specifier}"'
+        return Check(item.name, False, found, "everything", remedy=remedy)
+    return Check(item.name, True, metadata.version(item.name), "everything")
 
 
 def check_dm_control() -> Check:
     """Whether `tensegrity_mj.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
-    from tensegrity_mj.basics.dependencies import how_to_install, missing_for_dm_control
-
-    missing = missing_for_dm_control()
+    missing = dependencies.missing_for_dm_control()
     if not missing:
         return probed("dm_control")
     name, needed_for = CHECKS["dm_control"]["name"], CHECKS["dm_control"]["needed_for"]
     found = f"not installed: {', '.join(missing)}"
-    return Check(name, False, found, needed_for, required=False, remedy=how_to_install(missing))
+    return Check(name, False, found, needed_for, required=False, remedy=dependencies.how_to_install(missing))
 
 
 def check_opengl() -> Check:

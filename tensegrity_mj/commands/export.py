@@ -8,7 +8,8 @@ from pathlib import Path
 import tensegrity_mj.exchange as exchange
 import tensegrity_mj.library as library
 from tensegrity_mj import model, runs
-from tensegrity_mj.commands.common import Outcome, output_file, refuse
+from tensegrity_mj.basics.files import checked
+from tensegrity_mj.commands.common import Outcome, refuse
 
 SUFFIXES = (".xml", ".toml", ".csv", ".mat", ".stl")
 OF_RUNS = (".csv", ".mat")  # of a run: its data, not those of its scene
@@ -20,7 +21,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("for", "scale"), "means nothing for the pack")
         written = exchange.save_pack(options.out)
         return Outcome({"status": "ok", "out": options.out, "files": written}, "\n".join(map(str, written)))
-    out = output_file(options.out, "--out", SUFFIXES)
+    out = checked(options.out, SUFFIXES, "--out")
     suffix = out.suffix.lower()
     if suffix != ".xml":
         refuse(options, ("for",), "is for MJCF (.xml)")

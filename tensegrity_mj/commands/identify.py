@@ -7,7 +7,7 @@ import argparse
 import tensegrity_mj.library as library
 from tensegrity_mj import model, studies
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, finite, output_file, positive, refuse, wrote
+from tensegrity_mj.commands.common import Outcome, finite, positive, refuse, wrote
 from tensegrity_mj.errors import OptionError
 
 
@@ -31,7 +31,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     refuse(options, ("output-interval", "on-infeasible"), "means nothing here: runs are seen when it was measured")
     if options.law is None:
         refuse(options, ("law-option", "norm", "decay-rate", "actuation"), "needs --law, the law that was at work")
-    scene_out = output_file(options.scene_out, "--scene-out", (".toml",))
     scene, sigmas = library.load_scene(options.scene), options.sigma or ()
     if len(dict(sigmas)) < len(sigmas):
         raise OptionError("--sigma: a quantity is given twice; give each once")
@@ -45,7 +44,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         folder=options.out,
         progress=True,
     )
-    if scene_out is not None:
-        model.save_scene(found.scene, scene_out)
+    if options.scene_out is not None:
+        model.save_scene(found.scene, options.scene_out)
     status = "completed" if found.data["converged"] else "not converged"
     return Outcome({"status": status, **found.data}, repr(found), notes=wrote(found.folder, "identification.html"))

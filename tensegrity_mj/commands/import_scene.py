@@ -5,17 +5,16 @@ from __future__ import annotations
 import argparse
 
 import tensegrity_mj.exchange as exchange
-from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.commands.common import Outcome
 
 GIVEN = ("unit", "stiffness", "damping", "rod_mass", "rod_radius", "node_mass")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Read the file, write the scene, and say on stderr what could not be carried over."""
-    out = output_file(options.out, "--out", (".toml",))
     given = exchange.ImportOptions(**{key: getattr(options, key) for key in GIVEN})
     found = exchange.import_scene(options.file, options.format, given)
-    found.save(out)
+    found.save(out := options.out)
     structure = found.scene.structure
     counts = {"nodes": len(structure.nodes), "rods": len(structure.rods), "strings": len(structure.strings)}
     data = {"status": "ok", "scene": found.scene.name, "out": out, "format": found.format, "notes": list(found.notes)}

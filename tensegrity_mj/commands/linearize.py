@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import runs
-from tensegrity_mj.commands.common import Outcome, number, output_file, refuse, table
+from tensegrity_mj.commands.common import Outcome, number, refuse, table
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
@@ -21,9 +21,6 @@ MOST_LINES = 20
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Linearize, and write what the options name."""
-    out = output_file(options.out, "--out", (".npz", ".json", ".mat"))
-    if options.state is None:
-        refuse(options, ("time",), "needs --state FILE.nc, the run whose sample it chooses")
     if options.law is None and not options.closed_loop:
         refuse(options, ("law-option",), "needs --law, or --closed-loop for the scene's law")
 
@@ -44,7 +41,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         inputs=Command.FORCE_DENSITY if options.inputs == "force-density" else Command.REST_LENGTH,
         **state,
     )
-    if out is not None:
+    if out := options.out:
         model.save(out)
     data = {"status": "ok", **model.to_dict(), "out": out}
     return Outcome(data, describe(model) + (f"\nwritten  {out}" if out else ""))

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj import pictures, runs
+from tensegrity_mj.basics.files import checked
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, finite, output_file, refuse
+from tensegrity_mj.commands.common import Outcome, finite, refuse
 from tensegrity_mj.errors import OptionError
 
 FILMS = (".mp4", ".webm", ".gif")
@@ -29,14 +30,12 @@ def film_of(options: argparse.Namespace) -> dict[str, Any]:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Draw the video."""
-    out = output_file(options.out, "--out", (*FILMS, ".html") if options.still is None else (".png",))
+    out = checked(options.out, (*FILMS, ".html") if options.still is None else (".png",), "--out")
     if len(options.runs) > 2:
         raise OptionError(f"render {' '.join(options.runs)}: give one or two files, not {len(options.runs)}")
     if len(options.runs) == 1:
         refuse(options, ("layout",), "needs two files")
-    if options.still is None:
-        refuse(options, ("dpi",), "needs --still TIME")
-    else:
+    if options.still is not None:
         refuse(options, ("layout", "fps", "speed"), "belongs to a film, which --still is not")
     if out.suffix.lower() == ".html":
         return _page(options, out)

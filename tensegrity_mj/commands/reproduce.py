@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tensegrity_mj import studies
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.texts import aligned
-from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
+from tensegrity_mj.commands.common import ExitCode, Outcome
 
 if TYPE_CHECKING:
     from tensegrity_mj.thesis.disturbance import Disturbance
@@ -17,10 +16,8 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run, judge, draw and say where the files are."""
-    table = output_file(options.table, "--table", (".md",))
-    noticed = output_file(options.sensitivity, "--sensitivity", (".json",))
-    if noticed is not None:
-        return _sensitivity(options, noticed)
+    if options.sensitivity is not None:
+        return _sensitivity(options)
 
     from tensegrity_mj.thesis import page
     from tensegrity_mj.thesis.experiments import TITLES, EngineName
@@ -37,8 +34,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         picture_format=options.format,
         draw=not options.no_figures,
     )
-    if table is not None:
-        write_text(table, page.markdown(found.rows))
+    if options.table is not None:
+        write_text(options.table, page.markdown(found.rows))
     files = {what: str(path.absolute()) for what, path in found.files.items()}
     data = {
         "status": "unexplained" if found.unexplained else "completed",
@@ -83,11 +80,11 @@ def _disturbance(text: str | None) -> Disturbance | None:
     return Disturbance(*chosen)
 
 
-def _sensitivity(options: argparse.Namespace, file: Path) -> Outcome:
+def _sensitivity(options: argparse.Namespace) -> Outcome:
     """Which rows notice errors, as a table."""
     from tensegrity_mj.thesis.sensitivity import sensitivity
 
-    workers = studies.Workers(options.workers)
+    file, workers = options.sensitivity, studies.Workers(options.workers)
     table = sensitivity(options.figures, options.out, file, workers=workers, progress=True)
     lines = [[name, ", ".join(f"{what} {size} %" for what, size in found.items()) or "nothing"]
              for name, found in table["rows"].items()]  # fmt: skip

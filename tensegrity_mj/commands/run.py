@@ -11,40 +11,20 @@ import tensegrity_mj.library as library
 from tensegrity_mj import model, pictures, runs
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import (
-    PLOT_SUFFIXES,
-    Outcome,
-    code_of_status,
-    distinct,
-    for_paper,
-    number,
-    output_file,
-    refuse,
-    table,
-    warn,
-)
-from tensegrity_mj.commands.render import FILM_OPTIONS, FILMS, film_of
+from tensegrity_mj.commands.common import Outcome, code_of_status, distinct, for_paper, number, refuse, table, warn
+from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate, then write what the options name; whatever can be refused is refused before."""
-    out = output_file(options.out, "--out", (".nc", ".csv", ".mat"))
-    video = output_file(options.video, "--video", FILMS)
-    plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
-    if options.water_loads and out is None:
-        raise OptionError("--water-loads needs --out FILE.nc")
-    if plot is None:
-        refuse(options, ("paper",), "needs --plot FILE.pdf")
+    out, video, plot, web = options.out, options.video, options.plot, options.web
     if video is None:
         shown = ("speed", "thickness") if options.view else ()  # the window has these, too
         refuse(options, [name for name in FILM_OPTIONS if name not in shown], "needs --video FILE.mp4")
-    web = output_file(options.web, "--web", (".html", ".htm"))
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
-    if options.replay is None:
-        refuse(options, ("replay-quantity",), "needs --replay FILE.nc")
-    else:
+    if options.replay is not None:
         refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
     experiment.check_control(options)
     if video:

@@ -29,17 +29,11 @@ def execute(options: argparse.Namespace) -> Outcome:
         return Outcome(details, _text(details))
     scenes = {name: library.load_scene(name) for name in library.scene_names()}
     kinds = {name: (group, line) for group, lines in shipped().items() for name, line in lines.items()}
-    rows = [
-        {
-            "name": name,
-            "group": kinds.get(name, OTHER)[0],
-            "description": kinds.get(name, OTHER)[1],
-            "rods": len(scene.structure.rods),
-            "strings": len(scene.structure.strings),
-            "source": scene.source,
-        }
-        for name, scene in scenes.items()
-    ]
+    rows = []
+    for name, scene in scenes.items():
+        group, line = kinds.get(name, OTHER)
+        counts = {"rods": len(scene.structure.rods), "strings": len(scene.structure.strings)}
+        rows.append({"name": name, "group": group, "description": line, **counts, "source": scene.source})
     return Outcome({"status": "ok", "scenes": rows}, _listed(rows, options.sources))
 
 
@@ -196,10 +190,8 @@ def motion_text(motion: model.Motion) -> str:
 
 def resistance_text(scene: model.Scene) -> str:
     """What resists motion, in words; nothing where nothing does."""
-    resistance, damped = (
-        scene.resistance or model.Resistance(),
-        sum(point.damping > 0 for point in scene.structure.point_masses),
-    )
+    resistance = scene.resistance or model.Resistance()
+    damped = sum(point.damping > 0 for point in scene.structure.point_masses)
     parts = [f"viscous, {resistance.viscous:g} N s/m²"] if resistance.viscous else []
     if (drag := resistance.drag) is not None:
         tangential = f" and {drag.tangential:g} along rods" if drag.tangential else ""
@@ -236,12 +228,9 @@ def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
     if needs["positions"] is None:
         return [("engine for it", needs["engine"])]
     joints = ", ".join(f"{count} {kind}" for kind, count in needs["joints"].items() if count)
-    pairs = needs["contact_pairs"]
-    touching = (
-        f", {pairs} pair{'s' if pairs > 1 else ''} may touch ({needs['rows_per_contact']} rows a contact)"
-        if pairs
-        else ""
-    )
+    pairs, touching = needs["contact_pairs"], ""
+    if pairs:
+        touching = f", {pairs} pair{'s' * (pairs > 1)} may touch ({needs['rows_per_contact']} rows a contact)"
     members = ", ".join(f"{needs[what]} {what}" for what in ("tendons", "actuators", "sensors", "equalities"))
     return [
         ("engine for its size", needs["engine"]),
@@ -259,6 +248,9 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     micro = 1e6
     found = {"without a law": timing["passive_run"], "with the law": timing["closed_loop"]}
     further = " and ".join(f"{micro * value:.3g} µs {which}" for which, value in found.items() if value is not None)
+    if further:
+        further += "; ledger and recording included, set-up not; median over the first "
+        further += f"{timing['run_time']:.3g} s, h = {timing['timestep']:.3g} s"
     shares = [f"{share:.0%} {part}" for part, share in timing["shares"].items()]
     extras = [
         f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
@@ -266,13 +258,7 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     ]
     return [
         ("a step of the bare model", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
-        (
-            "a further step of a run",
-            f"{further}; ledger and recording included, set-up not; median over the first {timing['run_time']:.3g} s, "
-            f"h = {timing['timestep']:.3g} s"
-            if further
-            else "no run succeeds",
-        ),
+        ("a further step of a run", further or "no run succeeds"),
         *[("" if row else "what else would cost", text) for row, text in enumerate(extras)],
     ]
 
@@ -295,22 +281,17 @@ def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
 def _text(data: dict[str, Any]) -> str:
     from tensegrity_mj.statics.words import counted
 
-    control, contact = data["control"], data["contact"]
+    control, contact, spun = data["control"], data["contact"], data["mujoco_velocities"]
+    fixed = f", fixed: {', '.join(data['fixed_nodes'])}" if data["fixed_nodes"] else ""
+    turning = f" ({spun} in MuJoCo, where free rods also spin)" if spun else ""
     head = [
         ("scene", data["name"]),
         ("source", data["source"] or "-"),
-        (
-            "nodes",
-            f"{len(data['nodes'])}" + (f", fixed: {', '.join(data['fixed_nodes'])}" if data["fixed_nodes"] else ""),
-        ),
+        ("nodes", f"{len(data['nodes'])}{fixed}"),
         ("rods", str(len(data["rods"]))),
         ("strings", str(len(data["strings"]))),
         *([("constraints", ", ".join(one["name"] for one in held))] if (held := data["constraints"]) else []),
-        (
-            "degrees of freedom",
-            f"{data['degrees_of_freedom']}"
-            + (f" ({spun} in MuJoCo, where free rods also spin)" if (spun := data["mujoco_velocities"]) else ""),
-        ),
+        ("degrees of freedom", f"{data['degrees_of_freedom']}{turning}"),
         (
             "statics",
             f"at its start {counted(data['self_stress_modes'], 'state')} of self-stress of the strings, "

@@ -9,7 +9,7 @@ from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import Outcome, output_folder, refuse, whole
+from tensegrity_mj.commands.common import Outcome, refuse, whole
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.errors import OptionError
 
@@ -19,12 +19,10 @@ count = partial(whole, most=10**6)
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Predict, measure, and write what the options name."""
-    folder = output_folder(options.out, ("stability.json",))
-
     from tensegrity_mj.studies.stability.cases import AXES
     from tensegrity_mj.studies.stability.report import describe, study_stability
 
-    scene = library.load_scene(options.scene)
+    scene, folder = library.load_scene(options.scene), options.out
     maps = () if options.maps is None else tuple(options.maps or AXES)
     data = study_stability(
         scene,

@@ -8,19 +8,9 @@ from pathlib import Path
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model, runs, statics
+from tensegrity_mj.basics.files import checked
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import (
-    ExitCode,
-    Outcome,
-    distinct,
-    finite,
-    output_file,
-    output_folder,
-    positive,
-    refuse,
-    table,
-    whole,
-)
+from tensegrity_mj.commands.common import ExitCode, Outcome, distinct, finite, positive, table, whole
 from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
 
@@ -33,15 +23,7 @@ SECONDS = 2.0  # of a mode's video a period
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Find it, and write what the options name."""
-    if not options.path:
-        refuse(options, ("points",), "needs --path")
-    if options.load is None:
-        refuse(options, ("load-factor",), "needs --load")
-    if options.size is None:
-        refuse(options, ("least-radius", "save-sized"), "needs --size")
-    folder = output_folder(options.out, ("statics.json", "statics.html"))
-    saved = output_file(options.save_scene, "--save-scene", (".toml",))
-    sized = output_file(options.save_sized, "--save-sized", (".toml",))
+    folder, saved, sized = options.out, options.save_scene, options.save_sized
     mode, video = _video(options)
     distinct({"--save-scene": saved, "--save-sized": sized})
     if video is not None:
@@ -107,7 +89,7 @@ def _video(options: argparse.Namespace) -> tuple[int, Path | None]:
         raise OptionError(
             f"--mode-video {number}: it takes a mode's number, from 1 to the {options.modes} of --modes, and a file"
         )
-    return int(number), output_file(name, "--mode-video", (".mp4",))
+    return int(number), checked(name, (".mp4",), "--mode-video")
 
 
 def _sizes(options: argparse.Namespace) -> statics.Materials | None:

@@ -22,18 +22,14 @@ MOST_LINES = 40
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the sweep, or go on with it, and report what came out."""
-    vary, zipped = (
-        [_vary(text, "--vary") for text in options.vary],
-        [[_vary(text, "--zip") for text in group] for group in options.zip],
-    )
+    vary = [_vary(text, "--vary") for text in options.vary]
+    zipped = [[_vary(text, "--zip") for text in group] for group in options.zip]
     own = [(f"law.{name}", value) for name, value in options.law_option or ()]
     own += [("law", "none")] if options.law == "none" else []
     draws, fixed = [_draw(text) for text in options.draw], dict([*map(_set, options.set), *own])
     if len(fixed) < len(options.set) + len(own):
         raise OptionError("--set, --law-option: a parameter is given twice; give each parameter once")
     workers = _workers(options)
-    if options.keep_trajectories and options.out is None:
-        raise OptionError("--keep-trajectories needs --out FOLDER to keep them in")
 
     from tensegrity_mj.studies.table import USUAL, check_measures, counts, rows_of
 

@@ -15,9 +15,10 @@ from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model, pictures, runs, studies
+from tensegrity_mj.basics.files import checked
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, code_of_status, output_file, refuse
+from tensegrity_mj.commands.common import Outcome, code_of_status, refuse
 from tensegrity_mj.engines.table import make_engine
 from tensegrity_mj.errors import OptionError, printable
 
@@ -34,7 +35,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.web is not None:
         refuse(options, ("speed", "thickness"), "belongs to the window; a page has a choice of its own")
         return _write_page(options, recorded)
-    refuse(options, ("still",), "needs --web; the window's key for a pause is the space bar")
 
     from tensegrity_mj.pictures import viewer
 
@@ -47,12 +47,12 @@ def execute(options: argparse.Namespace) -> Outcome:
 def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
     from tensegrity_mj.pictures.web import plotly_script
 
-    out = output_file(options.web, "--web", (".html", ".htm")) if options.web else None
+    out = checked(options.web, (".html", ".htm"), "--web") if options.web else None
     plotly_script()
     load: Callable[[str], runs.Trajectory | model.Scene] = runs.Trajectory.load if recorded else library.load_scene
     source = load(options.source)
     name = file_name(source.name) if isinstance(source, model.Scene) else Path(options.source).stem
-    out = out or output_file(f"{name}.html", "--web", (".html",))
+    out = out or checked(f"{name}.html", (".html",), "--web")
     if isinstance(source, model.Scene) and options.still is None:
         source = _simulated(options, source)
     page = pictures.make_web_page(source)

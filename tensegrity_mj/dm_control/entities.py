@@ -38,47 +38,37 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         command: what its actuators take.
         name: of the model; the scene's by default.
 
+    Attributes:
+        scene: what it is made from.
+        actuators: one a string, in the scene's order.
+        joints: in the order of `mjcf.initial_velocities`.
+
     Raises:
         OptionError, StructureError: as `element`.
     """
 
     def _build(self, scene: Scene, command: Command = Command.REST_LENGTH, name: str | None = None) -> None:
         member("command", command, Command)
-        self._scene = scene
+        self.scene = scene
         self._mjcf_root = element(scene, command, name)
         self._command, self._forces = command, HeldForces(scene)
         self._strings = StringActuators(scene, command, timestep=1e-3)
         root, structure = self._mjcf_root, scene.structure
         actuators = list(root.actuator.general)
-        self._actuators = tuple(actuators[: len(structure.strings)])
+        self.actuators = tuple(actuators[: len(structure.strings)])
         self._load_actuators = tuple(actuators[len(structure.strings) :])
         self._tendons = tuple(root.tendon.spatial)
         self._sites = tuple(root.find("site", node) for node in structure.node_names)
         self._bodies = tuple(root.worldbody.body)
-        self._joints = tuple(joint for body in self._bodies for joint in body.joint)
+        self.joints = tuple(joint for body in self._bodies for joint in body.joint)
 
     def _build_observables(self) -> TensegrityObservables:
         return TensegrityObservables(self)
 
     @property
-    def scene(self) -> Scene:
-        """What it is made from."""
-        return self._scene
-
-    @property
     def mjcf_model(self) -> Any:
         """The PyMJCF root element."""
         return self._mjcf_root
-
-    @property
-    def actuators(self) -> tuple[Any, ...]:
-        """One a string, in the scene's order."""
-        return self._actuators
-
-    @property
-    def joints(self) -> tuple[Any, ...]:
-        """In the order of `mjcf.initial_velocities`."""
-        return self._joints
 
     # Reading
 
@@ -114,7 +104,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         return self._strings.tensions(self._ctrl(physics), self.string_lengths(physics), rates, physics.time())
 
     def _ctrl(self, physics: Any) -> Array:
-        return np.array(physics.bind(self._actuators).ctrl) if self._actuators else np.zeros(0)
+        return np.array(physics.bind(self.actuators).ctrl) if self.actuators else np.zeros(0)
 
     def _frame(self, physics: Any) -> tuple[Array, Array, int]:
         """Origin (3,), rotation (3, 3) and body of the frame that the entity is attached at."""
@@ -127,19 +117,12 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
     # Acting
 
     def set_command(self, physics: Any, command: ArrayLike, period: float | None = None) -> None:
-        """Set rest lengths (M,) [m], or force densities [N/m], held until the next command.
-
-        Kept within the limits of the strings; within that of the winches' speed if the `period` [s] to the next command
-        is given.
-
-        Raises:
-            ControllerError: for another shape, or a value that is not finite.
-        """
-        names = [string.name for string in self._scene.structure.strings]
+        """Set rest lengths (M,) [m], or force densities [N/m]: as `ScenePhysics.set_command`."""
+        names = [string.name for string in self.scene.structure.strings]
         values = checked_command(self._command.value, command, names)
-        if self._actuators:
+        if self.actuators:
             values = self._strings.limited(values, self._ctrl(physics), self.string_lengths(physics), period)
-            physics.bind(self._actuators).ctrl = self._strings.controls(values)
+            physics.bind(self.actuators).ctrl = self._strings.controls(values)
 
     # Hooks of composer; whoever steps without a composer Environment calls them likewise.
 
@@ -149,7 +132,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         Raises:
             OptionError: naming the body and what to look for.
         """
-        self._strings = StringActuators(self._scene, self._command, physics.timestep())
+        self._strings = StringActuators(self.scene, self._command, physics.timestep())
         for body in self._bodies:
             bound, wanted = physics.bind(body), body.inertial
             found = np.array([bound.mass, *bound.inertia], float)
@@ -162,17 +145,17 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
 
     def initialize_episode(self, physics: Any, random_state: Any = None) -> None:
         """Give it the scene's initial velocities, and the strings as designed; positions are the model's own."""
-        physics.bind(self._joints).qvel = initial_velocities(self._scene)
+        physics.bind(self.joints).qvel = initial_velocities(self.scene)
         mujoco.mj_fwdPosition(physics.model.ptr, physics.data.ptr)  # for the lengths
-        if self._actuators:
-            physics.bind(self._actuators).ctrl = self._strings.designed(self.string_lengths(physics))
+        if self.actuators:
+            physics.bind(self.actuators).ctrl = self._strings.designed(self.string_lengths(physics))
 
     def before_substep(self, physics: Any, random_state: Any = None) -> None:
         """Once a physics step: forces on nodes, breaks, no damping in slack strings."""
         if self._strings.needs_limits:
             ctrl, lengths = self._ctrl(physics), self.string_lengths(physics)
             limits = self._strings.force_limits(ctrl, lengths, physics.time())
-            physics.bind(self._actuators).forcerange = limits
+            physics.bind(self.actuators).forcerange = limits
         if self._load_actuators:
             option = physics.model.opt
             middle = option.integrator == mujoco.mjtIntegrator.mjINT_RK4

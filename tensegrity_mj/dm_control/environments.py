@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, replace
-from types import NoneType
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, member, positive, real_array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.dm_control.repairing import repair
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 OBSERVED = ("nodes", "velocities", "string_lengths", "rest_lengths", "tensions")
 
 
-@dataclass(frozen=True, eq=False)
+@value("", OptionError, positional=2, eq=False)
 class SceneEnvironment:
     """A `dm_control.rl.control.Environment` of a scene, which is a `dm_env.Environment`.
 
@@ -69,36 +70,30 @@ class SceneEnvironment:
         PhysicsDivergence: on `step`; both a `DivergenceError` and dm_control's `PhysicsError`. `reset` begins anew.
     """
 
-    scene: Scene
-    action: Command = Command.REST_LENGTH
-    _: KW_ONLY
-    control_timestep: float = 0.01
-    timestep: float = 1e-3
-    integrator: Integrator = Integrator.RK4
-    time_limit: float | None = None
-    bounds: tuple[ArrayLike, ArrayLike] | None = None
-    reward: Reward | None = None
-    termination: Termination | None = None
-    start: RandomStart | None = None
+    scene: Scene = field(kinds.part(Scene, "a Scene, or load_scene(name or path)"))
+    action: Command = field(kinds.choice(Command), default=Command.REST_LENGTH)
+    control_timestep: float = field(kinds.positive("s"), default=0.01)
+    timestep: float = field(kinds.positive("s"), default=1e-3)
+    integrator: Integrator = field(kinds.choice(Integrator), default=Integrator.RK4)
+    time_limit: float | None = field(kinds.positive("s"), none="None", default=None)
+    bounds: tuple[ArrayLike, ArrayLike] | None = field(None, default=None)
+    reward: Reward | None = field(None, default=None)
+    termination: Termination | None = field(None, default=None)
+    start: RandomStart | None = field(kinds.part(RandomStart), none="None", default=None)
 
     def __call__(self) -> Environment:
         scene, action, start = self.scene, self.action, self.start
         reward, termination = self.reward, self.termination
-        instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-        member("action", action, Command)
-        timestep = positive("timestep", self.timestep, "s")
-        control_timestep = positive("control_timestep", self.control_timestep, "s")
+        timestep, control_timestep = self.timestep, self.control_timestep
         whole_ratio(control_timestep, timestep, "control_timestep over timestep")
-        limit = positive("time_limit", scene.duration if self.time_limit is None else self.time_limit, "s")
-        steps = whole_ratio(limit, control_timestep, "time_limit over control_timestep")
+        steps = whole_ratio(self.time_limit or scene.duration, control_timestep, "time_limit over control_timestep")
         if not scene.structure.strings:
             raise OptionError(f"scene '{scene.name}' has no strings: there is nothing to act with")
         if reward is None and scene.target is None:
             raise OptionError(f"scene '{scene.name}' has no target for the default reward: give one, or reward=")
-        for name, value in (("reward", reward), ("termination", termination)):
-            if value is not None and not callable(value):
-                raise OptionError(f"{name} = {value!r}; it must be a function (scene, nodes, velocities, u)")
-        instance("start", start, (RandomStart, NoneType), "use RandomStart(displacement, speed, seed)")
+        for name, function in (("reward", reward), ("termination", termination)):
+            if function is not None and not callable(function):
+                raise OptionError(f"{name} = {function!r}; it must be a function (scene, nodes, velocities, u)")
         for event in scene.breaks:
             whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
         low, high = _bounds(scene, action, self.bounds)
@@ -154,7 +149,7 @@ def _bounds(scene: Scene, action: Command, given: tuple[ArrayLike, ArrayLike] | 
         raise OptionError(f"bounds = {given!r}; it must be a pair: the least action and the greatest")
     unit = "m" if action is Command.REST_LENGTH else "N/m"
     shape = (len(structure.strings),)
-    low, high = (np.array(real_array("bounds", value, shape, unit)) for value in given)
+    low, high = (np.array(real_array("bounds", one, shape, unit)) for one in given)
     for string, least, greatest in zip(structure.strings, low, high, strict=True):
         if not 0 <= least < greatest:
             raise OptionError(

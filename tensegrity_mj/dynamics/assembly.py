@@ -27,18 +27,11 @@ RANK_TOLERANCE = 1e-9
 # What compiled code sees of it. A pair is ½ v·v = const or v·w = const, of the vectors that start at these coordinates.
 Assembly, _pack = view_of(
     "Assembly",
-    size="size",  # n, of q
-    node_count="size",
-    node_rows="size",  # 3 node_count
-    rod_count="size",
-    pair_count="size",
-    row_count="size",
-    motion_count="size",
     redundant="size",  # whether the constraints depend on each other
-    mass=("f8", "size", "size"),
+    mass=("f8", "size", "size"),  # of n coordinates
     scale=("f8", "size"),  # of the coordinates in equations: 1/√ of their masses
     weights=("f8", "size"),  # the force of gravity g is the coordinate's weight times its component of g
-    maps=("f8", "node_rows", "size"),  # Φ
+    maps=("f8", "node_rows", "size"),  # Φ, three rows a node
     bases=("f8", "node_count", 3),  # y where nothing moves
     carried=("i8", "node_count"),  # the motion of a fixed node, or -1
     rods=(ROD, "rod_count"),  # `q` is where b starts

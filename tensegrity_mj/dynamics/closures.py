@@ -20,8 +20,9 @@ from tensegrity_mj.dynamics.linked import (
     normalize_linked,
     place_linked,
 )
+from tensegrity_mj.dynamics.native.elements import clear
 from tensegrity_mj.dynamics.native.pointers import borrowing
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, row_of
+from tensegrity_mj.dynamics.native.vectors import ZERO, column_of, dot, put, row_of
 
 NEWTON_STEPS = 12
 
@@ -37,9 +38,7 @@ def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
             joints.x[3 * joints.closures[a] + x] = -linked.gaps[a, row, x]
     _solve(joints)
     for k in range(len(linked.rods)):
-        for end in range(2):
-            for x in range(3):
-                joints.ends[k, end, x] = 0.0
+        clear(joints.ends[k])
     _add_joint_forces(joints)
     for k in range(len(linked.links)):
         link = linked.links[k]
@@ -47,9 +46,9 @@ def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
         b, ends = row_of(joints.b, link.rod), (row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1))
         r, turn, _ = answer_of_rod(rod, link, b, 0.0, ends, ZERO, ZERO, None)
         for p in range(link.nz):
-            change[rod.q + p] += rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
+            change[rod.q + p] += dot(column_of(rod.E, p), r)
         for p in range(rod.nb):
-            change[rod.q + link.nz + p] += rod.B[0, p] * turn[0] + rod.B[1, p] * turn[1] + rod.B[2, p] * turn[2]
+            change[rod.q + link.nz + p] += dot(column_of(rod.B, p), turn)
 
 
 @borrowing
@@ -70,7 +69,7 @@ def _prepare_to_close(address: int, joints_at: int, q: Any) -> None:
     for k in range(len(linked.links)):
         link = linked.links[k]
         b = direction_of(linked.rods[link.rod], q, linked.rods[link.rod].q + link.nz)
-        joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
+        put(joints.b, link.rod, b)
     _assemble(linked, joints, None)
     _factor(joints)
 

@@ -30,7 +30,7 @@ from tensegrity_mj.dynamics.kernels import (
 )
 from tensegrity_mj.dynamics.linked import Linked
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, add, dot, minus, plus, put, row_of, times, vector
 
 # Round-off leaves about 1e-15 of a pivot that should be zero. An error ε of the nodes makes a redundant joint's pivot
 # of the order of ε², so that drifts up to a millionth are recognized.
@@ -89,9 +89,8 @@ def _compliance(rod: Any, link: Any, b: Any, added: Any, A: Any) -> None:
         first = minus(r_acc, times(back, b_acc))
         r_acc, b_acc = accelerate_rod(rod, link.rod, b, 0.0, unit, times(ahead, unit), added)
         other, second = minus(r_acc, times(back, b_acc)), plus(r_acc, times(ahead, b_acc))
-        A[0, 0, y], A[0, 1, y], A[0, 2, y] = first[0], first[1], first[2]
-        A[1, 0, y], A[1, 1, y], A[1, 2, y] = other[0], other[1], other[2]
-        A[2, 0, y], A[2, 1, y], A[2, 2, y] = second[0], second[1], second[2]
+        for x in range(3):
+            A[0, x, y], A[1, x, y], A[2, x, y] = first[x], other[x], second[x]
 
 
 @borrowing
@@ -162,9 +161,8 @@ def _assemble(linked: Any, joints: Any, added: Any) -> None:
 @inlined
 def push_joint(joints: Any, e: int, force: Any) -> None:
     """Add a force (3,) to the end of the joint's other rod, and its opposite to the owner's."""
-    for x in range(3):
-        joints.ends[joints.joints[e, 2], joints.joints[e, 3], x] += force[x]
-        joints.ends[joints.joints[e, 0], joints.joints[e, 1], x] -= force[x]
+    add(joints.ends[joints.joints[e, 2]], joints.joints[e, 3], force)
+    add(joints.ends[joints.joints[e, 0]], joints.joints[e, 1], times(-1.0, force))
 
 
 @borrowing
@@ -181,9 +179,8 @@ def set_ends(address: int, forces: Any, joints_at: int) -> None:
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
-        for x in range(3):
-            joints.ends[link.rod, 0, x] = forces[rod.i, x] if link.owns[0] else 0.0
-            joints.ends[link.rod, 1, x] = forces[rod.j, x] if link.owns[1] else 0.0
+        put(joints.ends[link.rod], 0, row_of(forces, rod.i) if link.owns[0] else ZERO)
+        put(joints.ends[link.rod], 1, row_of(forces, rod.j) if link.owns[1] else ZERO)
 
 
 @borrowing
@@ -212,17 +209,15 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
         b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         c = stretch_term(rod, b, b_rate, kp, kd)
         joints.c[link.rod] = c
-        joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
+        put(joints.b, link.rod, b)
         if joints.attached[k] == joints.attached[k + 1]:
             continue
         drive = acceleration_of(linked, link.motion)
         ends = row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1)
         r_acc, b_acc, _ = answer_of_rod(rod, link, b, c, ends, g, drive, added)
         r_acc = plus(r_acc, drive)
-        free = joints.free[link.rod]
-        for x in range(3):
-            free[0, x] = r_acc[x] - rod.sigma * rod.length * b_acc[x]
-            free[1, x] = r_acc[x] + (1.0 - rod.sigma) * rod.length * b_acc[x]
+        put(joints.free[link.rod], 0, minus(r_acc, times(rod.sigma * rod.length, b_acc)))
+        put(joints.free[link.rod], 1, plus(r_acc, times((1.0 - rod.sigma) * rod.length, b_acc)))
     if len(joints.joints) > 0:
         _assemble(linked, joints, added)
         _factor(joints)

@@ -11,15 +11,8 @@ from tensegrity_mj.dynamics.native.views import Table, view_of
 # What compiled code sees of it; joints are numbered as they are eliminated, rods as in the structure.
 Joints, _pack_joints = view_of(
     "JointPlan",
-    joint_count="size",
-    row_count="size",  # three a joint
-    value_count="size",
-    rod_count="size",
-    start_count="size",
-    attachment_count="size",
-    closure_count="size",
     joints=("i8", "joint_count", 4),  # rod row and end of the owner, rod row and end of the other
-    first=("i8", "row_count"),  # first column of each row of S that is not zero
+    first=("i8", "row_count"),  # first column of each row of S, three rows a joint, that is not zero
     start=("i8", "row_count"),  # where in `values` each row's first column is
     attached=("i8", "start_count"),  # where each link's entries of `attachments` start, and the last one's end
     attachments=("i8", "attachment_count", 3),  # joint, end of the rod, +1 for the other, -1 for the owner; by joints

@@ -236,16 +236,15 @@ def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
 
 
 @borrowing
-def accelerations(
-    members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any, added: Any = None
-) -> float:
+def accelerations(members: Any, q: Any, rates: Any, out: Any, added: Any = None) -> float:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N].
 
-    `members` has records of `ROD` and `POINT`, gravity [m/s²], and Baumgarte's gains of (3.25), zero for none: `rods`,
-    `points`, `gravity`, `kp` and `kd`.
+    `members` has records of `ROD` and `POINT`, gravity [m/s²], Baumgarte's gains of (3.25), zero for none, the forces,
+    and λ, which are written: `rods`, `points`, `gravity`, `kp`, `kd`, `forces` and `multipliers`.
     Returns the power [W] of added mass, whose forces are not written. With it there are `velocities` of nodes besides.
     """
     rods, gravity, kp, kd, power = members.rods, members.gravity, members.kp, members.kd, 0.0
+    forces, multipliers = members.forces, members.multipliers
     for a in range(len(rods)):
         rod = rods[a]
         b, b_rate = direction_of(rod, q, rod.q + rod.nz), direction_of(rod, rates, rod.q + rod.nz)

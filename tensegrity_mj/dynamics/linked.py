@@ -44,11 +44,6 @@ LINK = np.dtype(
 # What compiled code sees of a `LinkedRecords`.
 Linked, _pack_linked = view_of(
     "LinkedRecords",
-    rod_count="size",
-    point_count="size",
-    moved_count="size",
-    closure_count="size",
-    motion_count="size",
     rods=(ROD, "rod_count"),  # `q` is where a rod's coordinates start, z first if it is a root
     links=(LINK, "rod_count"),
     points=(POINT, "point_count"),

@@ -187,7 +187,7 @@ def place_minimal(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, veloci
 
 
 @njit
-def minimal_accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any) -> None:
+def minimal_accelerations(members: Any, q: Any, rates: Any, out: Any) -> None:
     """q̈ (nq,) of M q̈ = H (g + Φᵀ f), and λ (R,) of (2.36), for nodal forces (N, 3) [N]: z̈ first, then β̈.
 
     `members`: as in `kernels.accelerations`.
@@ -195,7 +195,7 @@ def minimal_accelerations(members: Any, q: Any, rates: Any, forces: Any, out: An
     At a pole of a rod, sin φ = 0, its θ̈ is not finite; all else is.
     """
     x, A = np.zeros(3), np.zeros((3, 3))
-    rods, gravity = members.rods, members.gravity
+    rods, gravity, forces, multipliers = members.rods, members.gravity, members.forces, members.multipliers
     for a in range(len(rods)):
         rod = rods[a]
         m, f, J, nz, turns = rod.mass, rod.f, rod.J, rod.nz, rod.nb - 1

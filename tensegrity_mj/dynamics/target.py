@@ -24,10 +24,6 @@ from tensegrity_mj.model.target import Target
 # A target as compiled code sees it.
 Aim, _pack_aim = view_of(
     "Target",
-    count="size",
-    node_count="size",
-    piece_count="size",
-    shape_count="size",
     times=("f8", "count"),  # [s]
     nodes=("f8", "count", "node_count", 3),  # [m] at these times
     # Of a curve's parameter, lowest power of t - times[k] first; scaled so that the shapes lie between -1 and 1.
@@ -208,10 +204,6 @@ def point_target(point: Any, t: float, target: Any) -> Any:
 
 _Places, _pack_places = view_of(
     "TargetPlaces",
-    count="size",
-    node_count="size",
-    rod_count="size",
-    point_count="size",
     target="size",  # address of an `Aim`
     times=("f8", "count"),
     rods=(ROD, "rod_count"),

@@ -15,7 +15,7 @@ from tensegrity_mj.dynamics.joint_plan import Joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, stretch_term
 from tensegrity_mj.dynamics.linked import Linked
 from tensegrity_mj.dynamics.native.pointers import borrowing, owning
-from tensegrity_mj.dynamics.native.vectors import dot, minus, times, vector
+from tensegrity_mj.dynamics.native.vectors import add, dot, minus, times, vector
 from tensegrity_mj.dynamics.tree_matrices import Tree
 
 
@@ -28,9 +28,8 @@ def _load_ends(address: int, joints_at: int, forces: Any, gravity: Any) -> None:
         link = linked.links[k]
         rod, pull = linked.rods[link.rod], minus(vector(gravity), acceleration_of(linked, link.drive))
         for end in range(2):
-            share = times((rod.center if end == 1 else 1.0 - rod.center) * rod.mass, pull)
-            for x in range(3):
-                joints.ends[link.rod, end, x] += share[x]
+            share = (rod.center if end == 1 else 1.0 - rod.center) * rod.mass
+            add(joints.ends[link.rod], end, times(share, pull))
 
 
 @borrowing

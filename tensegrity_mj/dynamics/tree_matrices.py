@@ -17,12 +17,8 @@ from tensegrity_mj.model.rods import mass_products, own_masses
 # What compiled code sees of them; n coordinates of the rods, C closures.
 Tree, _pack_tree = view_of(
     "TreeMatrices",
-    size="size",  # n
-    loop_count="size",  # 3C
-    map_count="size",
-    rod_count="size",
     inverse=("f8", "size", "size"),  # M⁻¹
-    loops=("f8", "loop_count", "size"),  # derivatives of the closures' gaps to the coordinates
+    loops=("f8", "loop_count", "size"),  # (3C, n) derivatives of the closures' gaps to the coordinates
     maps=("f8", "map_count", "size"),  # (6R, n) derivatives of the rods' ends
     at=("i8", "rod_count"),  # where each rod's b starts among the coordinates
 )

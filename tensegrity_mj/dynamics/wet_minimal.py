@@ -20,18 +20,16 @@ from tensegrity_mj.dynamics.native.vectors import ZERO, column_of, dot, minus, p
 
 
 @njit
-def wet_minimal_accelerations(
-    members: Any, q: Any, rates: Any, forces: Any, added: Any, drives: Any, out: Any, multipliers: Any
-) -> None:
-    """q̈ (nq,) and λ (R,) as `minimal.minimal_accelerations`, with α (R, 4) of the rods.
+def wet_minimal_accelerations(members: Any, q: Any, rates: Any, drives: Any, out: Any) -> None:
+    """q̈ (nq,) and λ (R,) as `minimal.minimal_accelerations`, with added mass.
 
     Args:
-        members, q, rates, forces, out, multipliers: as there; `members` has `held_mass` besides, (N, 3) the forces of
-            the added mass [N], which are written.
-        added: α.
+        members, q, rates, out: as there; `members` has α (R, 4) of the rods besides, `added`, and the forces (N, 3) of
+            the added mass [N], `held_mass`, which are written.
         drives: (R, 3) accelerations of the frames that the rods are seen from.
     """
-    rods, gravity, held = members.rods, members.gravity, members.held_mass
+    rods, gravity, added, held = members.rods, members.gravity, members.added, members.held_mass
+    forces, multipliers = members.forces, members.multipliers
     A, jac, lead = np.empty((5, 6)), np.zeros((2, 5, 3)), np.zeros((2, 3))
     held[:] = 0.0
     for a in range(len(rods)):

@@ -14,21 +14,19 @@ from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.dynamics.native.plant_view import PLANT
-from tensegrity_mj.dynamics.native.views import Fields, Table
+from tensegrity_mj.dynamics.native.views import Table, fields_of
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import whole_ratio
 
 DEFAULT_INTERVAL = 0.01  # s: a hundred samples a second
-STEPPED: Fields = (  # the table of a plant that is driven in fixed steps: the grid, and the rows that are recorded
-    *PLANT,
-    ("step", "real"),  # [s]
-    ("stride", "size"),
-    ("ratio", "size"),
-    ("total", "size"),
-    ("row_count", "size"),
-    ("row_size", "size"),
-    ("rows", ("f8", "row_count", "row_size")),
+STEPPED = fields_of(  # the table of a plant that is driven in fixed steps: the grid, and the rows that are recorded
+    PLANT,
+    step="real",  # [s]
+    stride="size",
+    ratio="size",
+    total="size",
+    rows=("f8", "row_count", "row_size"),
 )
 
 
@@ -46,28 +44,18 @@ class Grid:
         """The grid of a request.
 
         Raises:
-            OptionError: where duration, output interval or control period is no multiple of the step.
+            OptionError: where duration, output interval, control period or a break is no multiple of the step.
         """
-        count = whole_ratio(request.duration, step, "duration over the time step")
-        if request.output_interval is None:
-            stride = max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12))))
-        else:
-            stride = whole_ratio(request.output_interval, step, "output interval over the time step")
+        intervals = request.intervals.items()
+        steps = {what: whole_ratio(time, step, f"{what} over the time step") for what, time in intervals}
+        count = steps["duration"]
+        stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
         check_rows(count / stride)
-        ratio = 0
-        if request.sampled:
-            assert request.actuation.period is not None
-            ratio = whole_ratio(request.actuation.period, step, "control period over the time step")
-        for event in request.scene.breaks:
-            if 0 < event.time < request.duration:
-                whole_ratio(event.time, step, f"break of string '{event.string}' over the time step")
-        return cls(step, count, min(stride, count), ratio)
+        return cls(step, count, min(stride, count), steps.get("control period", 0))
 
     def describe(self, plant: Table, rows: Array) -> None:
         """Set it in the table of a plant (`STEPPED`), with the rows to be recorded."""
-        count, size = rows.shape
-        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.count)
-        plant.set(row_count=count, row_size=size, rows=rows)
+        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.count, rows=rows)
 
     @property
     def times(self) -> Array:

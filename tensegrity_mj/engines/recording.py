@@ -11,7 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.reports import reports_of
-from tensegrity_mj.engines.request import Request, cost_of_law
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.element import forces_of
@@ -97,11 +97,14 @@ def make_trajectory(
         if rod.more_forces is not None:
             forces = forces + rod.more_forces
         gravity = np.array(scene.gravity)
-        multipliers = rods.multipliers(structure, nodes, velocities, forces, gravity, rod.r_accelerations)
+        multipliers = rods.multipliers(
+            structure, nodes, velocities, *rods.ends(structure, forces), gravity, rod.r_accelerations
+        )
     else:
         multipliers = rod
     if structure.elastic.any():
         multipliers = rods.with_elastic_multipliers(structure, nodes, velocities, multipliers)
+    spent = dict(zip(("law_calls", "law_time"), request.law.spent or (), strict=False))  # of a law in Python
     trajectory = Trajectory(
         scene=scene,
         time=time,
@@ -124,7 +127,7 @@ def make_trajectory(
         status=account.status,
         message=account.message,
         engine=str(options),
-        cost=account.cost | cost_of_law(request),
+        cost=account.cost | spent,
         provenance={
             "engine": account.engine,
             "actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period},

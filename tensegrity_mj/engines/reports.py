@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array, dot
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
-from tensegrity_mj.dynamics.native.watch import Impossible, impossible
+from tensegrity_mj.dynamics.native.watch import NONE, impossible
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.elements.water import Water
@@ -72,9 +72,9 @@ def reports_of(request: Request, run: Trajectory, plant: Plant | None, step: flo
         "nonpositive_rest_lengths": {
             "samples": len(rows),  # and intervals: at recorded times
             "intervals": _intervals(run.time, below),
-            **rest.to_dict(),
+            **_sorted(rest),
         },
-        "negative_force_densities": pushed.to_dict(),  # that a law commanded
+        "negative_force_densities": _sorted(pushed),  # that a law commanded
     }
     if bent is not None:
         reports["buckling"] = bent
@@ -90,17 +90,25 @@ def reports_of(request: Request, run: Trajectory, plant: Plant | None, step: flo
     return reports
 
 
-def _impossible_samples(run: Trajectory) -> tuple[Impossible, Impossible]:
+def _sorted(found: dict[str, Any]) -> dict[str, Any]:
+    return found | {"strings": sorted(found["strings"])}
+
+
+def _impossible_samples(run: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
     """`impossible` of recorded samples, where they are all that is known; of force densities below zero none is."""
     structure = run.scene.structure
     whole = run.time[:, None] <= run.scene.break_times
     below = (run.rest_lengths <= 0.0) & whole & (structure.stiffness > 0.0)
     rows, columns = np.nonzero(below)
     if not len(rows):
-        return Impossible(), Impossible()
-    names = tuple(structure.strings[column].name for column in dict.fromkeys(columns.tolist()))
-    least = float(run.rest_lengths[below].min())
-    return Impossible(int(below.sum(axis=0).max()), names, float(run.time[rows[0]]), least), Impossible()
+        return NONE, NONE
+    found = {
+        "steps": int(below.sum(axis=0).max()),
+        "strings": [structure.strings[column].name for column in dict.fromkeys(columns.tolist())],
+        "first_time": float(run.time[rows[0]]),
+        "least": float(run.rest_lengths[below].min()),
+    }
+    return found, NONE
 
 
 def _holding_ratio(request: Request, run: Trajectory) -> float:
@@ -256,29 +264,29 @@ def _limit_warnings(limits: dict[str, Any]) -> list[str]:
     ]
 
 
-def _string_warnings(structure: Structure, rest: Impossible, pushed: Impossible) -> list[str]:
+def _string_warnings(structure: Structure, rest: dict[str, Any], pushed: dict[str, Any]) -> list[str]:
     """Of what no string and no winch can do; the run is what the string law makes of it all the same."""
     warnings = []
-    if rest.strings:
-        k = structure.strings[[string.name for string in structure.strings].index(rest.strings[0])].stiffness
+    if rest["strings"]:
+        k = next(string.stiffness for string in structure.strings if string.name == rest["strings"][0])
         warnings.append(
-            f"string {_named(rest)} has a rest length of zero or less from t = {rest.time:.6g} s (at {rest.steps} "
-            f"steps; the least is {rest.least:.3g} m): a rest length cannot be negative, {NO_LINE}. "
+            f"string {_named(rest)} has a rest length of zero or less from t = {rest['first_time']:.6g} s (at "
+            f"{rest['steps']} steps; the least is {rest['least']:.3g} m): a rest length cannot be negative, {NO_LINE}. "
             f"Where it follows from a force density u at or above the stiffness k = {k:.3g} N/m, by "
             "L0 = L (1 - u/k), use stiffer strings, or give them max_force_density or min_rest_length"
         )
-    if pushed.strings:
+    if pushed["strings"]:
         warnings.append(
-            f"the law commands a negative force density of string {_named(pushed)} from t = {pushed.time:.6g} s (at "
-            f"{pushed.steps} steps; the least is {pushed.least:.3g} N/m): {NO_PUSH}, the string is slack "
-            "instead. Keep the law's solution at u >= 0"
+            f"the law commands a negative force density of string {_named(pushed)} from t = "
+            f"{pushed['first_time']:.6g} s (at {pushed['steps']} steps; the least is {pushed['least']:.3g} N/m): "
+            f"{NO_PUSH}, the string is slack instead. Keep the law's solution at u >= 0"
         )
     return warnings
 
 
-def _named(found: Impossible) -> str:
-    more = len(found.strings) - 1
-    return f"'{found.strings[0]}'" + (f" (and {more} more)" if more else "")
+def _named(found: dict[str, Any]) -> str:
+    more = len(found["strings"]) - 1
+    return f"'{found['strings'][0]}'" + (f" (and {more} more)" if more else "")
 
 
 def _limits(request: Request, run: Trajectory) -> dict[str, Any]:

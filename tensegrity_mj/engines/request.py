@@ -29,6 +29,18 @@ class Request:
         there = bool(self.law.address) or self.law.own is not None  # compiled, or as arrays alone
         return there and self.actuation.mode is not Mode.CONTINUOUS
 
+    @property
+    def intervals(self) -> dict[str, float]:
+        """[s] of what fixed steps divide, by what it is."""
+        found = {"duration": self.duration}
+        if self.output_interval is not None:
+            found["output interval"] = self.output_interval
+        if self.sampled:
+            assert self.actuation.period is not None
+            found["control period"] = self.actuation.period
+        breaks = [one for one in self.scene.breaks if 0 < one.time < self.duration]
+        return found | {f"break of string '{one.string}'": one.time for one in breaks}
+
 
 class Accelerations(Protocol):
     """Accelerations of the nodes from an engine's own equations, at one state and without a step.
@@ -49,11 +61,3 @@ class AcceleratingEngine(Protocol):
     def accelerations(self, request: Request) -> Accelerations:
         """See `Accelerations`."""
         ...
-
-
-def cost_of_law(request: Request) -> dict[str, float]:
-    """How often a law in Python was called, and its part of the wall time [s]; nothing for a compiled one."""
-    if request.law.spent is None:
-        return {}
-    calls, seconds = request.law.spent
-    return {"law_calls": calls, "law_time": seconds}

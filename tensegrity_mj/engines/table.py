@@ -16,24 +16,16 @@ from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
-    ADDED_MASS_IN_CONTACT,
-    ADDED_MASS_IN_LOOPS,
     BODIES,
-    BODIES_IN_CONTACT,
     CLASS_K,
+    CLOSED_LOOPS,
     CONSTRAINTS,
-    CONSTRAINTS_IN_CONTACT,
-    CONSTRAINTS_IN_LOOPS,
     CONTACT,
     ELASTIC,
-    ELASTIC_ADDED_MASS,
-    ELASTIC_CONTACT,
     ELASTIC_HELD_BETWEEN,
-    ELASTIC_JOINED,
     ELEMENT_STATES,
     FUNCTION_LOADS,
     FUNCTION_MOTIONS,
-    JOINED_CONTACT,
     NO_ARRAYS,
     UNEVEN_MASS,
     YIELDING,
@@ -47,13 +39,13 @@ _NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", 
 _ROWS = "hold nodes by supports and planes of rods"
 _RIGID = "make the rods rigid (without stiffness)"
 _ELASTIC_ADDED_MASS = Limit(
-    ELASTIC_ADDED_MASS, "added mass is that of rods of constant length", f"leave one of the two out, or {_RIGID}"
+    ELASTIC & ADDED_MASS, "added mass is that of rods of constant length", f"leave one of the two out, or {_RIGID}"
 )
 # Of any model that MuJoCo has of a scene.
 ELASTIC_LIMITS = (
-    Limit(ELASTIC_CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"),
+    Limit(ELASTIC & CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"),
     Limit(
-        ELASTIC_JOINED,
+        ELASTIC & CLASS_K,
         "the bodies that share a node hang on each other, and none of them has a second node that moves by itself",
         f"{_OWN_NODES}, or {_RIGID}",
         StructureError,
@@ -65,7 +57,9 @@ ELASTIC_LIMITS = (
         StructureError,
     ),
 )
-JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
+JOINED_CONTACT_LIMIT = Limit(
+    CONTACT & CLASS_K, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}"
+)
 
 
 def _is_dense(engine: Any) -> str:
@@ -79,14 +73,14 @@ ENGINES = {
         shares_model=True,
         limits=(
             JOINED_CONTACT_LIMIT,
-            Limit(BODIES_IN_CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
+            Limit(BODIES & CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
             Limit(
-                CONSTRAINTS_IN_CONTACT,
+                CONSTRAINTS & CONTACT,
                 "forces of constraints are found before those of contact are known",
                 f"{_WITHOUT_CONTACT}, or hold nodes by supports",
             ),
             Limit(
-                CONSTRAINTS_IN_LOOPS,
+                CONSTRAINTS & CLOSED_LOOPS,
                 "forces of constraints are found before those of joints that close loops are known",
                 "open the loop, or simulate it with the DAE",
                 StructureError,
@@ -102,12 +96,12 @@ ENGINES = {
             *ELASTIC_LIMITS,
             _ELASTIC_ADDED_MASS,
             Limit(
-                ADDED_MASS_IN_CONTACT,
+                ADDED_MASS & CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",
                 "leave one of the two out, with scene.with_(contact=None) or scene.with_(water=None)",
             ),
             Limit(
-                ADDED_MASS_IN_LOOPS,
+                ADDED_MASS & CLOSED_LOOPS,
                 "accelerations of added mass are found before the forces of joints that close loops are known",
                 "open the loop",
                 StructureError,
@@ -151,7 +145,7 @@ ENGINES = {
                 _is_dense,
             ),
             Limit(
-                UNEVEN_MASS,
+                UNEVEN_MASS & CLASS_K,
                 "Weights.HERMITE shares loads otherwise than velocities, and forces of joints are found from symmetric "
                 "equations",
                 "use Solver.FULL, or Weights.RIGID",
@@ -256,7 +250,8 @@ def engine_settings(engine: Any) -> tuple[str, dict[str, Any]]:
     for name in ENGINES:
         if type(engine) is engine_class(name):
             items = {item.name: (getattr(engine, item.name), item.default) for item in dataclasses.fields(engine)}
-            return name, {key: _word(value) for key, (value, default) in items.items() if value != default}
+            chosen = {key: value for key, (value, default) in items.items() if value != default}
+            return name, {key: getattr(value, "value", value) for key, value in chosen.items()}
     raise OptionError(f"engine = {engine!r}; use one of {_classes()}, an object and not a class")
 
 
@@ -271,7 +266,3 @@ def checked_engine(engine: Any, what: str = "run") -> Any:
 def _classes(call: str = "", last: str = ", ") -> str:
     names = [row.place.partition(":")[2] + call for row in ENGINES.values()]
     return last.join([", ".join(names[:-1]), names[-1]])
-
-
-def _word(value: Any) -> Any:
-    return value.value if isinstance(value, enum.Enum) else value

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics import matfile
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.exchange.draft import AXES, held_axes
@@ -28,8 +29,6 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         OptionError: for another suffix, or a place where no file can be written.
         FormatError: if the file cannot be written.
     """
-    from scipy.io import savemat
-
     destination = checked(path, (".mat",), "MATLAB data")
     structure = scene.structure
     check_bars_alone(
@@ -63,9 +62,9 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         "Cb": bars,
         "Cs": strings,
         "Nd0": speeds.T,
-        "node_names": np.array(structure.node_names, dtype=object),
-        "bar_names": np.array([rod.name for rod in structure.rods], dtype=object),
-        "string_names": np.array([string.name for string in structure.strings], dtype=object),
+        "node_names": tuple(structure.node_names),
+        "bar_names": tuple(rod.name for rod in structure.rods),
+        "string_names": tuple(string.name for string in structure.strings),
         "fixedNodes": fixed,
         "g": np.array(scene.gravity)[:, None],
         "m": own_masses(structure),
@@ -94,7 +93,7 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
     if structure.elastic.any():
         notes.append("bars are rigid in the file: what rods have of stiffness, damping and rest length is left out")
     with replacing(destination) as part:
-        savemat(part, values, oned_as="column")
+        matfile.save_mat(part, values)
     return destination, notes
 
 

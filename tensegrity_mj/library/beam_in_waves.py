@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -27,11 +26,12 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import appendix_beam
-from tensegrity_mj.library.tower import shared_fields
-from tensegrity_mj.model.elements.water import Water, diameters
+from tensegrity_mj.library.tower import shared_fields, with_supports
+from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Support
+from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import find_equilibrium
@@ -161,12 +161,12 @@ def _held(structure: Structure, end: BeamEnd) -> Structure:
     supports = {rod.name: Support.free() for rod in structure.rods}
     supports |= {rod.name: ends[end] for rod in top}
     supports |= {rod.name: Support.pinned(0.0) for rod in base}
-    return replace(structure, rods=tuple(replace(rod, support=supports[rod.name]) for rod in structure.rods))
+    return with_supports(structure, supports)
 
 
 def _weights_in_water(structure: Structure, water: Water) -> dict[str, float]:
     """[N] of weight less buoyancy on each node, of rods that are closed and wholly under water."""
-    displaced = water.density * np.pi * diameters(structure, water) ** 2 / 4 * structure.rod_lengths
+    displaced = water.density * np.pi * diameters(structure, water.diameter) ** 2 / 4 * structure.rod_lengths
     forces: dict[str, float] = {}
     for rod, mass in zip(structure.rods, displaced, strict=True):
         for node in rod.nodes:

@@ -13,6 +13,7 @@ import enum
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -203,16 +204,9 @@ class Cable:
         if self.seed:
             first = motions[0].at(0.0)[0] if motions else np.zeros(3)
             nodes = first + np.outer(along, [math.sin(self.seed), 0.0, -math.cos(self.seed)])
-        scene = Scene(
-            structure,
-            name=self.name,
-            source=f"{THESIS}, section 3.3, pages 66-69",
-            gravity=(0.0, 0.0, -self.gravity),
-            initial_nodes=nodes,
-            motions=motions,
-            duration=self.duration,
-            resistance=_resistance(self.viscous, self.bending_stiffness, self.bending_damping, self.drag),
-        )
+        resistance = _resistance(self.viscous, self.bending_stiffness, self.bending_damping, self.drag)
+        more = {"initial_nodes": nodes, "motions": motions, "resistance": resistance}
+        scene = scene_of(self, structure, f"{THESIS}, section 3.3, pages 66-69", **more)
         if self.start is Start.MOVING_FRAME or not motions:
             return scene
         still = np.zeros_like(scene.nodes0)
@@ -221,6 +215,12 @@ class Cable:
 
 
 cable = function_of(Cable)
+
+
+def scene_of(family: Any, structure: Structure, source: str, **more: Any) -> Scene:
+    """The scene of a structure, with the fields `name`, `gravity` and `duration` of its family."""
+    gravity = (0.0, 0.0, -family.gravity)
+    return Scene(structure, name=family.name, source=source, gravity=gravity, duration=family.duration, **more)
 
 
 def _resistance(viscous: float, stiffness: float, damping: float, drag: float) -> Resistance | None:

@@ -12,7 +12,7 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS
+from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS, scene_of
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.hanging import hung
 from tensegrity_mj.model.events import Load
@@ -110,14 +110,9 @@ class Net:
             ),
         )
         middle = names[row_of(across // 2, along // 2)]
-        return Scene(
-            hung(structure, self.spacing, self.gravity),
-            name=self.name,
-            source=f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69",
-            gravity=(0.0, 0.0, -self.gravity),
-            loads=(Load(middle, (0.0, 0.0, -self.load)),) if self.load else (),
-            duration=self.duration,
-        )
+        source = f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69"
+        loads = (Load(middle, (0.0, 0.0, -self.load)),) if self.load else ()
+        return scene_of(self, hung(structure, self.spacing, self.gravity), source, loads=loads)
 
 
 net = function_of(Net)

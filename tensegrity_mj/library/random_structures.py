@@ -169,7 +169,9 @@ class RandomScene:
         start = self.structure.positions if nodes is None else nodes
         targets = [random_configuration(self.rng, self.structure, 0.3) for _ in range(self.waypoints)]
         times = np.cumsum(self.rng.uniform(0.2, 1.0, self.waypoints))
-        names = self.structure.node_names
+        names, target = self.structure.node_names, None
+        if targets:
+            target = Target.path(times.tolist(), targets) if len(targets) > 1 else Target.set_point(targets[0])
         return Scene(
             structure=self.structure,
             name="random scene",
@@ -186,11 +188,7 @@ class RandomScene:
                 )
                 for _ in range(self.loads)
             ),
-            target=None
-            if self.waypoints == 0
-            else Target.path(times.tolist(), targets)
-            if self.waypoints > 1
-            else Target.set_point(targets[0]),
+            target=target,
             control=ControlSpec("lyapunov", {"decay_rate": float(self.rng.uniform(0.1, 1)), "norm": 2})
             if self.control
             else None,

@@ -11,6 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, finite
 from tensegrity_mj.basics.fields import refused
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cable import scene_of
 from tensegrity_mj.model.elements.contact import Contact, floor_gaps
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.rods import centre_of_mass
@@ -48,9 +49,8 @@ def stood(structure: Structure, base: Sequence[str]) -> Structure:
     up = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     up *= np.sign(up @ (nodes.mean(axis=0) - centre)) / np.linalg.norm(up)
     x = (corners[0] - centre) / np.linalg.norm(corners[0] - centre)
-    return structure.moved(np.array([x, np.cross(up, x), up])).moved(
-        translation=-np.array([x, np.cross(up, x), up]) @ centre
-    )
+    turn = np.array([x, np.cross(up, x), up])
+    return structure.moved(turn).moved(translation=-turn @ centre)
 
 
 def on_floor(robot: Any, structure: Structure, base: Sequence[str], source: str) -> Scene:
@@ -70,14 +70,7 @@ def on_floor(robot: Any, structure: Structure, base: Sequence[str], source: str)
     lift = robot.drop - float(floor_gaps(structure, contact, structure.positions).min())
     # A hair above, so that round-off leaves no node inside the floor.
     lift += FLAT * float(np.ptp(structure.positions))
-    return Scene(
-        structure.moved(translation=(0.0, 0.0, lift)),
-        name=robot.name,
-        source=source,
-        gravity=(0.0, 0.0, -robot.gravity),
-        contact=contact,
-        duration=robot.duration,
-    )
+    return scene_of(robot, structure.moved(translation=(0.0, 0.0, lift)), source, contact=contact)
 
 
 def polygon(count: int, radius: float, turn: float, height: float) -> Array:

@@ -32,10 +32,9 @@ class Icosahedron:
     """Six rods in three parallel pairs, half a rod's length apart, and 24 strings, above a floor.
 
     Rods r1 and r2 are along x before it is stood up, r3 and r4 along y, r5 and r6 along z, each from r{i}a to r{i}b.
-    Each
-    node has four strings, to the ends of the four rods that are not of its pair: all are √6/4 of a rod long, and in
-    balance under one force density u, rods at -3/2 u. Strings are named by their nodes. Eight of the twenty faces are
-    triangles of three strings (closed); twelve have two strings and the half rod's length between the ends of a pair.
+    Each node has four strings, to the ends of the four rods that are not of its pair: all are √6/4 of a rod long, and
+    in balance under one force density u, rods at -3/2 u. Strings are named by their nodes. Eight of the twenty faces
+    are triangles of three strings (closed); twelve have two strings and the half rod's length between ends of a pair.
 
     Attributes:
         rod_length, rod_mass, radius: [m], [kg], [m].
@@ -43,12 +42,7 @@ class Icosahedron:
         prestress: force density over stiffness, (L - L0)/L; .1 where `tension` is not given either.
         tension: of every string [N] instead.
         base: three nodes on which it stands; a closed triangle by default.
-        tilt: by which it is then turned [rad], along the axis.
-        drop: height of its lowest surface above the floor [m].
-        friction: of the floor.
-        gravity: [m/s²] downwards.
-        duration: [s].
-        name: of scene and structure.
+        tilt, drop, friction, gravity, duration, name: as of `Prism` [rad], [m], [1], [m/s²], [s].
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

@@ -11,7 +11,7 @@ from tensegrity_mj.basics.checks import check_nodes
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.cable import GRAVITY
+from tensegrity_mj.library.cable import GRAVITY, scene_of
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.members import String
 from tensegrity_mj.model.rigidity import equilibrium_matrix, free_motions, loads_on
@@ -87,14 +87,7 @@ class Spine:
         structure = structure.with_strings(force_density=self._force_densities(structure))
         rates = np.zeros((len(nodes), 3))
         rates[-4:, 0] = self.push
-        return Scene(
-            structure,
-            name=self.name,
-            source=SOURCE,
-            gravity=(0.0, 0.0, -self.gravity),
-            duration=self.duration,
-            initial_velocities=rates if self.push else None,
-        )
+        return scene_of(self, structure, SOURCE, initial_velocities=rates if self.push else None)
 
     def _force_densities(self, structure: Structure) -> list[float]:
         """u [N/m] that balance the weights: the upright strings of each joint alike, and the saddles alike."""

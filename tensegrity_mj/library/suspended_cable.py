@@ -12,7 +12,7 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass, chain
+from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass, chain, scene_of
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.hanging import hung
 from tensegrity_mj.model.members import Support
@@ -90,14 +90,8 @@ class SuspendedCable:
         held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
         masses, radii = [self.mass / count] * count, [ROPE_RADIUS] * count
         structure = chain(self.name, guess, masses, radii, held, Support.free(0.0))
-        return Scene(
-            hung(structure, self.length / count, self.gravity),
-            name=self.name,
-            source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
-            gravity=(0.0, 0.0, -self.gravity),
-            motions=motions,
-            duration=self.duration,
-        )
+        source = f"our own; the rope of {THESIS}, section 3.3, pages 66-69"
+        return scene_of(self, hung(structure, self.length / count, self.gravity), source, motions=motions)
 
 
 suspended_cable = function_of(SuspendedCable)

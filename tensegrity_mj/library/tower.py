@@ -29,6 +29,7 @@ from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cable import scene_of
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, String, Support, Vector
@@ -149,14 +150,9 @@ class Tower:
             ),
         )
         if self.pinned_base:
-            structure = _with_supports(structure, {f"rod1_{i}": Support.pinned(0.0) for i in (1, 2, 3)})
-        scene = Scene(
-            structure,
-            name=self.name,
-            source=f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194",
-            gravity=(0.0, 0.0, -self.gravity),
-            duration=self.duration,
-        )
+            structure = with_supports(structure, {f"rod1_{i}": Support.pinned(0.0) for i in (1, 2, 3)})
+        source = f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194"
+        scene = scene_of(self, structure, source)
         return form_find(scene) if self.form_found else scene
 
 
@@ -184,7 +180,7 @@ def form_find(scene: Scene) -> Scene:
         InfeasibleError: if the strings have no such equilibrium.
     """
     structure = scene.structure
-    free = _with_supports(structure, dict.fromkeys((rod.name for rod in structure.rods), Support.free()))
+    free = with_supports(structure, dict.fromkeys((rod.name for rod in structure.rods), Support.free()))
     found = find_equilibrium(Scene(free)).nodes
     origin, frame = _frame(structure.positions)
     centre, turned = _frame(found)
@@ -304,7 +300,7 @@ def _node(kind: str, stage: int, corner: int) -> str:
     return f"{kind}{stage + 1}_{corner % 3 + 1}"
 
 
-def _with_supports(structure: Structure, supports: dict[str, Support]) -> Structure:
+def with_supports(structure: Structure, supports: dict[str, Support]) -> Structure:
     """The structure with other supports of the rods named."""
     return replace(
         structure, rods=tuple(replace(rod, support=supports.get(rod.name, rod.support)) for rod in structure.rods)

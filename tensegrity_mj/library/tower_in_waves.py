@@ -14,6 +14,7 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cable import GRAVITY
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Topology, shared_fields, tower_like
@@ -24,7 +25,6 @@ from tensegrity_mj.model.scene import Scene
 
 WAVE_HEIGHT, WAVELENGTH = 1.0, 15.0  # m, §7.2.3
 START_DEPTH = 1.0  # m: the axes of figures 7.6 and 7.7 have the beam 1 m below z = 0
-GRAVITY = 9.81  # m/s²
 
 
 @value("tower_in_waves", OptionError, positional=2)

@@ -9,7 +9,7 @@ from tensegrity_mj.basics.checks import check_nodes
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY
+from tensegrity_mj.library.cable import GRAVITY, scene_of
 from tensegrity_mj.library.cross import PLANE
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.scene import Scene
@@ -80,13 +80,7 @@ class TrussArm:
                 else:
                     strings.append(String(f"{kind}{k}", (i, j), self.stiffness, self.damping, tension=self.tension))
         structure = Structure(self.name, nodes, tuple(rods), tuple(strings))
-        return Scene(
-            structure,
-            name=self.name,
-            source="our own: rods and strings for diagonals",
-            gravity=(0.0, 0.0, -self.gravity),
-            duration=self.duration,
-        )
+        return scene_of(self, structure, "our own: rods and strings for diagonals")
 
 
 truss_arm = function_of(TrussArm)

@@ -45,7 +45,6 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, instance, member, real_array
 from tensegrity_mj.dynamics.native.law import Command, Law, native_law
-from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
@@ -99,7 +98,7 @@ def linearize(
     time = finite("time", time, " [s]")
     require(None, scene, "linearize")
     structure, contact = scene.structure, scene.contact
-    broken = break_times(scene) <= time
+    broken = scene.break_times <= time
     scene = scene.with_(
         initial_nodes=scene.nodes0 if nodes is None else nodes,
         initial_velocities=scene.velocities0 if velocities is None else velocities,

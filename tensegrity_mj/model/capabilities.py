@@ -19,15 +19,19 @@ if TYPE_CHECKING:  # the table of engines is read for --help, which loads neithe
 
 @dataclass(frozen=True)
 class Trait:
-    """What a scene may have.
+    """What a scene may have: `find` has words for the first item of a scene that has it, "" where there is none."""
 
-    Attributes:
-        name: for people.
-        find: words that name the first item of a scene that has it; "" where there is none.
-    """
-
-    name: str
     find: Callable[[Scene], str]
+
+    def __and__(self, other: Trait) -> Trait:
+        """Of scenes that have both."""
+
+        def find(scene: Scene) -> str:
+            first = self.find(scene)
+            second = other.find(scene) if first else ""
+            return f"{first}, and {second}" if second else ""
+
+        return Trait(find)
 
 
 @dataclass(frozen=True)
@@ -85,103 +89,47 @@ def _closed(scene: Scene) -> str:
     return f"rods close a loop at node '{scene.structure.node_names[closures[0][0]]}'" if closures else ""
 
 
-def _first(words: str, members: str, has: Callable[[Any], bool] = lambda one: True) -> Callable[[Scene], str]:
-    """Words for the first of a scene's members, such as "structure.rods", that has something; it fills their braces."""
-    of = attrgetter(members)
-    return lambda scene: next((words.format(one) for one in of(scene) if has(one)), "")
-
-
-def _and(*traits: Callable[[Scene], str]) -> Callable[[Scene], str]:
-    """Words for scenes that have all of these."""
-
-    def find(scene: Scene) -> str:
-        found = []
-        for trait in traits:
-            found.append(trait(scene))
-            if not found[-1]:
-                return ""
-        return ", and ".join(found)
-
-    return find
-
-
-_added = _first("{0.label} adds mass to rods", "effects", lambda one: one.adds_mass)
-_uneven = _first("the mass that {0.label} adds is not symmetric", "effects", lambda one: not one.symmetric)
-_constrained = _first("constraint '{0.name}' holds nodes", "structure.constraints")
-_bodies = _first("'{0.name}' is a body (structure.bodies)", "structure.bodies")
-_elastic = _first("rod '{0.name}' is elastic", "structure.rods", lambda rod: rod.stiffness is not None)
-
-
-def _contact(scene: Scene) -> str:
-    return "" if scene.contact is None else f"scene '{scene.name}' has contact"
-
-
-def _joined_rods(scene: Scene) -> str:
-    return _joined(scene.structure)
-
-
 def _pushing(scene: Scene) -> str:
     pairs = zip(scene.structure.strings, scene.structure.clipped, strict=True)
     names = (string.name for string, clipped in pairs if string.damping and not clipped)
     return next((f"string '{name}' is damped and not clipped" for name in names), "")
 
 
-CONTACT = Trait("contact", _contact)
-ELASTIC = Trait("elastic rods", _elastic)
-ELASTIC_JOINED = Trait("elastic rods in a structure whose rods share nodes", _and(_elastic, _joined_rods))
-ELASTIC_CONTACT = Trait("elastic rods and contact", _and(_elastic, _contact))
-ELASTIC_ADDED_MASS = Trait("elastic rods and added mass", _and(_elastic, _added))
-ELASTIC_HELD_BETWEEN = Trait(
-    "elastic rods held between their ends",
-    _first(
-        "elastic rod '{0.name}' is held between its ends",
-        "structure.rods",
-        lambda rod: rod.stiffness is not None and rod.support.directions and rod.support.sigma % 1,
-    ),
+def _first(words: str, members: str, has: Callable[[Any], Any] = lambda one: True) -> Trait:
+    """Scenes one of whose members, such as "structure.rods", has something; the first fills the braces of the words."""
+    of = attrgetter(members)
+    return Trait(lambda scene: next((words.format(one) for one in of(scene) if has(one)), ""))
+
+
+CONTACT = Trait(lambda scene: "" if scene.contact is None else f"scene '{scene.name}' has contact")
+ELASTIC = _first("rod '{0.name}' is elastic", "structure.rods", lambda rod: rod.stiffness is not None)
+ELASTIC_HELD_BETWEEN = _first(
+    "elastic rod '{0.name}' is held between its ends",
+    "structure.rods",
+    lambda rod: rod.stiffness is not None and rod.support.directions and rod.support.sigma % 1,
 )
-BODIES = Trait("bodies", _bodies)
-BODIES_IN_CONTACT = Trait("bodies and contact", _and(_bodies, _contact))
-CLASS_K = Trait("rods that share nodes", _joined_rods)
-CLOSED_LOOPS = Trait("closed loops", _closed)
-MOVED_SUPPORTS = Trait("moved supports", _first("support '{0.support}' moves (scene.motions)", "motions"))
-BREAKS = Trait("strings that break", _first("string '{0.string}' breaks (scene.breaks)", "breaks"))
-ADDED_MASS = Trait("added mass", _added)
-UNEVEN_MASS = Trait("added mass that is not symmetric, on rods that share nodes", _and(_uneven, _joined_rods))
-CONSTRAINTS = Trait("linear constraints on nodes", _constrained)
-ELEMENTS = Trait(
-    "elements beside loads", _first("{0.label} acts on nodes", "effects", lambda one: one.label != "loads")
-)
-NO_ARRAYS = Trait(
-    "elements without array functions",
-    _first("{0.label} has no array function (arrays)", "effects", lambda one: not one.arrays),
-)
+BODIES = _first("'{0.name}' is a body (structure.bodies)", "structure.bodies")
+CLASS_K = Trait(lambda scene: _joined(scene.structure))  # rods that share nodes
+CLOSED_LOOPS = Trait(_closed)
+MOVED_SUPPORTS = _first("support '{0.support}' moves (scene.motions)", "motions")
+BREAKS = _first("string '{0.string}' breaks (scene.breaks)", "breaks")
+ADDED_MASS = _first("{0.label} adds mass to rods", "effects", lambda one: one.adds_mass)
+UNEVEN_MASS = _first("the mass that {0.label} adds is not symmetric", "effects", lambda one: not one.symmetric)
+CONSTRAINTS = _first("constraint '{0.name}' holds nodes", "structure.constraints")
+ELEMENTS = _first("{0.label} acts on nodes", "effects", lambda one: one.label != "loads")
+NO_ARRAYS = _first("{0.label} has no array function (arrays)", "effects", lambda one: not one.arrays)
 FUNCTION_LOADS = Trait(
-    "loads by a Python function",
-    lambda scene: f"the loads of scene '{scene.name}' are a Python function" if callable(scene.loads) else "",
+    lambda scene: f"the loads of scene '{scene.name}' are a Python function" if callable(scene.loads) else ""
 )
-FUNCTION_MOTIONS = Trait(
-    "supports moved by a Python function",
-    _first("the motion of '{0.support}' is a Python function", "motions", lambda motion: motion.function is not None),
+FUNCTION_MOTIONS = _first(
+    "the motion of '{0.support}' is a Python function", "motions", lambda motion: motion.function is not None
 )
-ELEMENT_STATES = Trait(
-    "elements with a state",
-    _first("{0.label} has a state (state0)", "elements", lambda one: one.has_state),
+ELEMENT_STATES = _first("{0.label} has a state (state0)", "elements", lambda one: one.has_state)
+PUSHING_DAMPERS = Trait(_pushing)
+YIELDING = _first("string '{0.name}' yields", "structure.strings", lambda one: one.yields)
+NOT_LINEAR = _first(
+    "string '{0.name}' has a curve, or a constant force", "structure.strings", lambda one: not one.is_linear
 )
-PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
-YIELDING = Trait("strings that yield", _first("string '{0.name}' yields", "structure.strings", lambda one: one.yields))
-NOT_LINEAR = Trait(
-    "strings that are not linear",
-    _first("string '{0.name}' has a curve, or a constant force", "structure.strings", lambda one: not one.is_linear),
-)
-OWN_LAWS = Trait(
-    "strings with a law of their own",
-    _first("string '{0.name}' has a string_law", "structure.strings", lambda one: one.string_law),
-)
-JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
-ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))
-CONSTRAINTS_IN_CONTACT = Trait("contact and linear constraints", _and(_constrained, _contact))
-CONSTRAINTS_IN_LOOPS = Trait("closed loops and linear constraints", _and(_constrained, _closed))
-ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, _closed))
 
 
 def refusal(engine: Any, scene: Scene) -> tuple[Limit, str, str] | None:

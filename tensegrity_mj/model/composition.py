@@ -15,7 +15,6 @@ from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support
-from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 
 if TYPE_CHECKING:
@@ -94,7 +93,7 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
         if values is None and key in optional:
             columns[key] = [None] * count
         else:
-            columns[key] = np.broadcast_to(array_of_shape(key, values, (count,)), (count,)).tolist()
+            columns[key] = real_array(key, values, (count,), error=StructureError).tolist()
     columns.setdefault("stiffness", [string.stiffness for string in members])
     strings = (
         string.scaled_to(**{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]

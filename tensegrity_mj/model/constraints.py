@@ -7,25 +7,15 @@ node on a line or a plane, the centre of some nodes over a point.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import (
-    NUMBER,
-    Kind,
-    Wrong,
-    direction,
-    finite,
-    is_number,
-    is_table,
-    printable_name,
-    within,
-)
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import direction, finite, mapping, number, printable_name, within
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import Rod, Vector
 
@@ -34,26 +24,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.structure import Structure
 
 
-def _weights(given: Any) -> dict[str, float]:
-    if not isinstance(given, Mapping) or not given:
-        raise Wrong(f" = {given!r}; it must map names of nodes to their weights, as {{'n1': 1.0}}")
-    found = {}
-    for node, weight in given.items():
-        try:
-            found[printable_name().plain(node)] = finite().plain(weight)
-        except Wrong as wrong:
-            raise Wrong(f": node {node!r}{wrong}") from None
-        if found[node] == 0.0:
-            raise Wrong(f": node {node!r} has no weight; leave it out, or give it one that is not zero")
-    return found
-
-
-WEIGHTS = Kind(
-    _weights,
-    "a table of node name = weight",
-    lambda given: is_table(given) and all(map(is_number, given.values())),
-    schema={"type": "object", "additionalProperties": NUMBER, "minProperties": 1},
-)
+WEIGHT = number("a finite number that is not zero (leave out a node that has no weight)", lambda x: x != 0)
 
 
 @value("constraint {name!r}", StructureError)
@@ -70,11 +41,15 @@ class Constraint:
     """
 
     name: str = field(printable_name())
-    nodes: Mapping[str, float] = field(WEIGHTS)
+    nodes: Mapping[str, float] = field(mapping(printable_name(), WEIGHT, "a table of node name = weight", "node", 1))
     direction: Vector = field(direction())
     value: float | None = field(finite("m"), default=None, none="None for what the nodes give")
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __attrs_post_init__(self) -> None:
+        if not self.nodes:
+            raise refused(self, "nodes = {}; give at least one and its weight, as {'n1': 1.0}")
 
     @classmethod
     def along(cls, name: str, rod: Rod, at: float, direction: ArrayLike, value: float | None = None) -> Constraint:

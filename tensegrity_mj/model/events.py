@@ -13,7 +13,7 @@ from tensegrity_mj.basics.kinds import (
     Kind,
     Wrong,
     finite,
-    is_table,
+    mapping,
     not_allowed,
     not_negative,
     parts,
@@ -74,18 +74,10 @@ def _option(value: Any) -> OptionValue:
     return value
 
 
-def _options(given: Any) -> dict[str, OptionValue]:
-    if not isinstance(given, Mapping):
-        raise not_allowed(given, "a map of each option's name to its value")
-    found = {}
-    for key, item in given.items():
-        try:
-            if not key:
-                raise Wrong("; its name must be a non-empty string")
-            found[text().plain(key)] = _option(item)
-        except Wrong as wrong:
-            raise Wrong(f": option {key!r}{wrong}") from None
-    return found
+def _option_name(given: Any) -> str:
+    if not given:
+        raise Wrong("; its name must be a non-empty string")
+    return str(text().plain(given))
 
 
 def _law_name() -> Kind:
@@ -113,5 +105,5 @@ class ControlSpec:
 
     law: str = field(_law_name())
     options: Mapping[str, OptionValue] = field(
-        Kind(_options, "a table", is_table, schema={"type": "object"}), factory=dict
+        mapping(Kind(_option_name), Kind(_option), "a map of each option's name to its value", "option"), factory=dict
     )

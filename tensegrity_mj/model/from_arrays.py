@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from tensegrity_mj.basics.checks import real_array, shape_of
+from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
+from tensegrity_mj.model.node_indices import index_pairs
 
 
 def members_from(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -17,8 +18,12 @@ def members_from(given: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         StructureError: for arrays of the wrong shape.
     """
-    positions = array_of_shape("nodes", given["nodes"], (-1, 3))
-    count = len(positions)
+    shape = shape_of(given["nodes"]) or ()
+    if shape[1:] != (3,):
+        shown = value_text(given["nodes"]) + (f" of shape {shape}" if shape else "")
+        raise StructureError(f"nodes = {shown}; it must be an array of shape (N, 3) [m], a row a node")
+    count = shape[0]
+    positions = real_array("nodes", given["nodes"], (count, 3), "m", False, StructureError)
     names = [f"n{i + 1}" for i in range(count)]
     rods = index_pairs("rods", given["rods"], count)
     paths = index_pairs("strings", given["strings"], count, more=True)
@@ -30,15 +35,16 @@ def members_from(given: Mapping[str, Any]) -> dict[str, Any]:
             if given[key] is None:
                 found.append([None] * size)
             else:
-                found.append(np.broadcast_to(array_of_shape(key, given[key], (size,)), (size,)).tolist())
+                found.append(real_array(key, given[key], (size,), error=StructureError).tolist())
         return list(zip(*found, strict=True))
 
     def single(what: str, rows: Any) -> list[str]:
-        return [names[i] for i, _ in index_pairs(what, [(i, i) for i in rows], count, allow_equal=True)]
+        return [names[i] for i, _ in index_pairs(what, [(i, i) for i in rows], count)]
 
     supports = given["supports"]
     held = [Support.free()] * len(rods) if supports is None else list(supports)
-    array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rods),), broadcast=False)
+    if len(held) != len(rods):
+        raise StructureError(f"supports: {len(held)} for {len(rods)} rods; give one a rod")
     bars = columns(rods, "rod_mass", "rod_radius")
     strings = columns(paths, "stiffness", "damping", "rest_length", "tension", "force_density")
     massive = [

@@ -34,12 +34,7 @@ def check_motions(scene: Scene) -> None:
     held = {one.name: one for one in structure.constraints}
     kinds = {"a rod": rods, "a fixed node": fixed, "a constraint": held}
     seen: set[str] = set()
-    for number, motion in enumerate(scene.motions):
-        if not isinstance(motion, Motion):
-            raise SceneError(
-                f"motions[{number}] = {motion!r}: use Motion.in_line, Motion.circular, Motion.data or "
-                "Motion.by_function"
-            )
+    for motion in scene.motions:
         name = motion.support
         what = f"motion of '{name}'"
         if name in seen:

@@ -1,41 +1,16 @@
-"""Arrays of numbers and pairs of node indices, of which a structure is made."""
+"""Pairs of node indices, of which a structure is made, and rods that hang together."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import sequence_of
 from tensegrity_mj.errors import StructureError
 
 
-def array_of_shape(what: str, values: Any, shape: tuple[int, ...], broadcast: bool = True) -> Array:
-    """The values as a finite float array of the given shape (-1: any length; scalars pass if `broadcast`).
-
-    Raises:
-        StructureError: naming what it is, the shape it has and the shape it must have.
-    """
-    try:
-        array = np.array(values, float)
-    except (TypeError, ValueError, OverflowError):
-        raise StructureError(f"{what}: {values!r} is not an array of numbers of shape {shape}") from None
-    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))
-    if not fits and not (broadcast and array.ndim == 0):
-        raise StructureError(f"{what}: shape {array.shape}; it must be {shape}" + (" or a scalar" if broadcast else ""))
-    if not np.all(np.isfinite(array)):
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0]) if array.ndim else ()
-        raise StructureError(f"{what}{list(where) if where else ''} = {array[where]}: every number must be finite")
-    return array
-
-
-def index_pairs(
-    what: str, values: Any, count: int, allow_equal: bool = False, more: bool = False
-) -> list[tuple[int, ...]]:
-    """The values as pairs (with `more`, paths of two or more) of different node indices below `count`."""
+def index_pairs(what: str, values: Any, count: int, more: bool = False) -> list[tuple[int, ...]]:
+    """The values as pairs (with `more`, paths of two or more) of node indices below `count`."""
     found = []
     for row, value in enumerate(sequence_of(what, values, StructureError)):
         try:
@@ -49,8 +24,6 @@ def index_pairs(
             raise StructureError(f"{what}[{row}] = {list(value)}: node indices must be integers")
         if not all(0 <= i < count for i in path):
             raise StructureError(f"{what}[{row}] = {path}: node indices run from 0 to {count - 1}")
-        if not allow_equal and any(i == j for i, j in itertools.pairwise(path)):
-            raise StructureError(f"{what}[{row}] = {path}: it must join two different nodes")
         found.append(path)
     return found
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray, norm
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import null_space_basis
-from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
 
@@ -296,23 +297,22 @@ def _string_forces(structure: Structure, positions: Array) -> Array:
 
 def loads_on(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
     """External forces and weights on the nodes (N, 3) [N]."""
-    count = len(structure.nodes)
-    forces = np.zeros((count, 3)) if loads is None else array_of_shape("loads", loads, (count, 3), broadcast=False)
+    given = np.zeros((len(structure.nodes), 3)) if loads is None else loads
+    forces = np.array(real_array("loads", given, (len(structure.nodes), 3), "N", False, StructureError))
     if gravity is not None:
-        weights = lumped_masses(structure)[:, None] * array_of_shape("gravity", gravity, (3,), broadcast=False)
-        forces = forces + weights
+        g = real_array("gravity", gravity, (3,), "m/s²", False, StructureError)
+        forces += lumped_masses(structure)[:, None] * g
     return forces
 
 
 def nodes_of(structure: Structure, nodes: ArrayLike | None) -> Array:
     if nodes is None:
         return structure.positions
-    return array_of_shape("nodes", nodes, (len(structure.nodes), 3), broadcast=False)
+    return real_array("nodes", nodes, (len(structure.nodes), 3), "m", False, StructureError)
 
 
 def _per_string(structure: Structure, force_densities: ArrayLike) -> Array:
-    count = len(structure.strings)
-    return np.broadcast_to(array_of_shape("force_densities", force_densities, (count,)), (count,))
+    return real_array("force_densities", force_densities, (len(structure.strings),), "N/m", error=StructureError)
 
 
 def _turning_basis(span: Array, plane: Sequence[float] | None) -> Array:

@@ -5,12 +5,11 @@ Every function takes node positions and velocities (..., N, 3) in the world fram
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, dot, norm
-from tensegrity_mj.model.elements.elastic_rods import Bars
+from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
 from tensegrity_mj.model.structure import Structure
 
 NONE = (0.0, 0.0, 0.0)
@@ -49,6 +48,11 @@ def mass_products(mass: Any, lumps: Any = NONE) -> tuple[Any, Any, Any]:
 def own_masses(structure: Structure) -> Array:
     """(R,) [kg] of the rods alone, without what they carry."""
     return np.array([rod.mass for rod in structure.rods], float)
+
+
+def diameters(structure: Structure, every: float | None) -> Array:
+    """(R,) [m] of the rods in a fluid: one for all of them, or None for twice each rod's own radius."""
+    return np.array([2 * rod.radius if every is None else every for rod in structure.rods], float)
 
 
 def ends(structure: Structure, nodes: Array) -> tuple[Array, Array]:
@@ -153,17 +157,6 @@ def string_forces(structure: Structure, nodes: Array, tensions: Array) -> Array:
 
 
 def multipliers(
-    structure: Structure, nodes: Array, velocities: Array, forces: Array, gravity: Array, r_accelerations: Array
-) -> Array:
-    """λ (..., R) [1/s²] of (2.36) from nodal forces (..., N, 3) and the accelerations r̈ (..., R, 3) at σ.
-
-    λ = (|ḃ|/|b|)² - bᵀ (f r̈ - t_b) / (J |b|²); t_b collects the nodal forces and the weight.
-    """
-    first, second = ends(structure, forces)
-    return multipliers_of_ends(structure, nodes, velocities, first, second, gravity, r_accelerations)
-
-
-def multipliers_of_ends(
     structure: Structure,
     nodes: Array,
     velocities: Array,
@@ -172,7 +165,11 @@ def multipliers_of_ends(
     gravity: Array,
     r_accelerations: Array,
 ) -> Array:
-    """The same from the forces (..., R, 3) on the two ends of each rod, where rods that share nodes pull each other."""
+    """λ (..., R) [1/s²] of (2.36) from forces (..., R, 3) on both ends of each rod, and r̈ (..., R, 3) at σ.
+
+    λ = (|ḃ|/|b|)² - bᵀ (f r̈ - t_b) / (J |b|²); t_b collects these forces and the weight. Where rods share a node, they
+    pull each other there.
+    """
     length = structure.rod_lengths[:, None]
     sigma = _sigmas(structure)
     f, J = inertia_of_rods(structure)
@@ -182,6 +179,32 @@ def multipliers_of_ends(
     square = dot(b, b)
     along = dot(b, f[:, None] * r_accelerations - t_b)
     return dot(b_rate, b_rate) / square - along / (J * square)
+
+
+class Bars(NamedTuple):
+    """The E elastic rods of a structure: their rows (E,), nodes (E, 2), k [N/m], c [N s/m] and ℓ [m], (E,) each."""
+
+    rows: IntArray
+    nodes: IntArray
+    stiffness: Array
+    damping: Array
+    lengths: Array
+
+    @classmethod
+    def of(cls, structure: Structure) -> Bars:
+        """Those of a structure."""
+        rows = np.flatnonzero(structure.elastic)
+        damping = np.array([structure.rods[row].damping for row in rows], float)
+        lengths = structure.rod_lengths[rows]
+        return cls(rows, structure.rod_nodes[rows], structure.rod_stiffness[rows], damping, lengths)
+
+    def stretched(self, nodes: Array, velocities: Array) -> tuple[Array, Array, Array]:
+        """Spans (..., E, 3) [m], lengths [m] and forces N [N] (..., E) at positions and velocities (..., N, 3)."""
+        (i, j), v = self.nodes.T, velocities
+        spans = nodes[..., j, :] - nodes[..., i, :]
+        now = norm(spans)
+        rates = dot(spans, v[..., j, :] - v[..., i, :]) / now
+        return spans, now, self.stiffness * (now - self.lengths) + self.damping * rates
 
 
 def with_elastic_multipliers(structure: Structure, nodes: Array, velocities: Array, multipliers: Array) -> Array:

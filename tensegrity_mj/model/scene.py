@@ -165,13 +165,7 @@ class Scene:
     def moving(self, velocity: Vector = STILL, angular_velocity: Vector = STILL, center: Vector | None = None) -> Scene:
         """A copy that starts with a velocity of the whole besides that of its nodes, as `scene.whole` of a file.
 
-        Args:
-            velocity: of the center [m/s].
-            angular_velocity: about the center [rad/s], in the world frame.
-            center: a point of space [m]; the centre of mass by default.
-
-        Raises:
-            SceneError: where supports, planes or fixed nodes do not let the whole move so.
+        Arguments are the fields of `Whole`; SceneError where supports, planes or fixed nodes do not let it move so.
         """
         return Whole(velocity=velocity, angular_velocity=angular_velocity, center=center).start(self)
 

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import checked, real_array, sequence_of
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
+from tensegrity_mj.basics.kinds import choice, direction, mapping, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.from_arrays import members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
-from tensegrity_mj.model.node_indices import array_of_shape, joined_rods
+from tensegrity_mj.model.node_indices import joined_rods
 from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
@@ -33,18 +33,6 @@ from tensegrity_mj.model.structure_checks import check_structure, check_two_node
 from tensegrity_mj.model.tension_curves import TensionCurves
 
 T = TypeVar("T", bound=NDArray[Any])
-
-
-def _places(given: Any) -> dict[str, Vector]:
-    if not isinstance(given, Mapping):
-        raise Wrong(f": a {type(given).__name__}; it must map each node's name to its position")
-    name, place, found = printable_name().plain, vector("m").plain, {}
-    for key, position in given.items():
-        try:
-            found[name(key)] = place(position)
-        except Wrong as wrong:
-            raise Wrong(f": node {key!r}{wrong}") from None
-    return found
 
 
 @value("structure {name!r}", StructureError)
@@ -69,7 +57,10 @@ class Structure:
     """
 
     name: str = field(text())
-    nodes: Mapping[str, Vector] = field(Kind(_places), eq=lambda nodes: list(nodes.items()))
+    nodes: Mapping[str, Vector] = field(
+        mapping(printable_name(), vector("m"), "a table of node name = [x, y, z]", "node"),
+        eq=lambda nodes: list(nodes.items()),
+    )
     rods: tuple[Rod, ...] = field(parts(Rod), default=())
     strings: tuple[String, ...] = field(parts(String), default=())
     fixed_nodes: tuple[str, ...] = field(names("node"), default=())
@@ -130,7 +121,7 @@ class Structure:
 
     def placed(self, nodes: ArrayLike) -> Structure:
         """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there, bodies turned."""
-        places = array_of_shape("nodes", nodes, (len(self.nodes), 3))
+        places = real_array("nodes", nodes, (len(self.nodes), 3), "m", False, StructureError)
         stay = tuple(replace(rope, straight=None) for rope in self.ropes)  # wherever their points are
         bodies = tuple(body.placed(frame, places) for body, frame in zip(self.bodies, self.frames, strict=True))
         return replace(self, nodes=dict(zip(self.nodes, places.tolist(), strict=True)), bodies=bodies, ropes=stay)

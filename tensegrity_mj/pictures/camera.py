@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.waves import Sea
 
 FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
@@ -84,28 +83,6 @@ def fit(camera: Camera, points: Array, margin: Array | float, aspect: float, *, 
     return replace(camera, look_at=(x, y, z), distance=distance)
 
 
-def direction(points: Array, corners: Array, azimuth: float | None, elevation: float | None) -> Camera:
-    """The direction to look in: as given; else square on planar motion, and on all other obliquely from above.
-
-    Args:
-        points: (P, 3) everything that will be seen [m].
-        corners: (T, C, 2, 3) vectors [m] along two members that meet, at some instants, as `corners_of` gives them.
-        azimuth, elevation: [degrees], or None to have them chosen.
-
-    Raises:
-        OptionError: if an angle is not finite, or the elevation is beyond ±90.
-    """
-    for name, value, limit in (("azimuth", azimuth, math.inf), ("elevation", elevation, 90.0)):
-        if value is not None and not (math.isfinite(value) and abs(value) <= limit):
-            allowed = "a finite number of degrees" if limit == math.inf else "from -90 to 90 degrees"
-            raise OptionError(f"{name}={value}: it must be {allowed}")
-    flat = _square_on(points)
-    tilt = float(elevation) if elevation is not None else flat[1] if flat else ELEVATION
-    if azimuth is not None:
-        return Camera(float(azimuth), tilt)
-    return Camera(flat[0] if flat else _clearest_azimuth(corners, tilt), tilt)
-
-
 def broadside(points: Array, waves: tuple[float, ...]) -> float | None:
     """The azimuth [degrees] from which what floats is seen from the side, with waves that pass from left to right.
 
@@ -135,12 +112,25 @@ def broadside(points: Array, waves: tuple[float, ...]) -> float | None:
 def clearest(
     points: Array, corners: Array, sea: Sea | None, azimuth: float | None = None, elevation: float | None = None
 ) -> Camera:
-    """As `direction`; over water from the side, waves passing from left to right, and low."""
+    """The direction to look in: as given; else over water low from the side, waves passing from left to right.
+
+    Where there is neither, square on planar motion, and on all other obliquely from above.
+
+    Args:
+        points: (P, 3) everything that will be seen [m].
+        corners: (T, C, 2, 3) vectors [m] along two members that meet, at some instants, as `corners_of` gives them.
+        sea: whose waves there are, or None.
+        azimuth, elevation: [degrees], or None to have them chosen.
+    """
     if sea is not None:
         highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
         azimuth = broadside(points, tuple(highest.tolist())) if azimuth is None else azimuth
         elevation = AFLOAT if elevation is None else elevation
-    return direction(points, corners, azimuth, elevation)
+    flat = _square_on(points)
+    tilt = elevation if elevation is not None else flat[1] if flat else ELEVATION
+    if azimuth is not None:
+        return Camera(azimuth, tilt)
+    return Camera(flat[0] if flat else _clearest_azimuth(corners, tilt), tilt)
 
 
 def corners_of(pairs: NDArray[np.int64], nodes: Array) -> Array:

@@ -74,7 +74,7 @@ def string_groups(structure: Structure) -> list[Group]:
         stiffness = f"k = {quantity(float(keys[row, 0]), 'N/m')}, " if several else ""
         return f"{stiffness}L₀ = {quantity(float(keys[row, 1]), 'm')}"
 
-    return _by_word(structure.strings) or _by_numbers(keys, label)
+    return _alike(structure.strings, keys, label)
 
 
 def rod_groups(structure: Structure) -> list[Group]:
@@ -84,19 +84,15 @@ def rod_groups(structure: Structure) -> list[Group]:
     def label(row: int) -> str:
         return f"{quantity(float(keys[row, 0]), 'm')}, {quantity(float(keys[row, 1]), 'kg')}"
 
-    return _by_word(structure.rods) or _by_numbers(keys, label)
+    return _alike(structure.rods, keys, label)
 
 
-def _by_word(members: Sequence[Rod] | Sequence[String]) -> list[Group]:
-    """Members by their groups, or else by what their names have before the first digit."""
+def _alike(members: Sequence[Rod] | Sequence[String], keys: Array, label: Callable[[int], str]) -> list[Group]:
+    """Members by their groups, by what names have before the first digit, or by numbers (n, 2) in six digits."""
     stems = [re.split(r"\d", one.name, maxsplit=1)[0].rstrip(" _-.") for one in members]
     words = [one.group or "" for one in members]
-    return _groups(words, lambda row: words[row] or "others") or _groups(stems, lambda row: stems[row] or "others")
-
-
-def _by_numbers(keys: Array, label: Callable[[int], str]) -> list[Group]:
-    """Members whose numbers (n, 2) agree in six digits."""
-    return _groups([tuple(f"{value:.{DIGITS}g}" for value in row) for row in keys], label)
+    found = _groups(words, lambda row: words[row] or "others") or _groups(stems, lambda row: stems[row] or "others")
+    return found or _groups([tuple(f"{value:.{DIGITS}g}" for value in row) for row in keys], label)
 
 
 def _groups(keys: Sequence[Hashable], label: Callable[[int], str]) -> list[Group]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,63 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from tensegrity_mj.basics.units import power_of, quantity, unit_with
+from tensegrity_mj.basics.units import power_of, unit_with
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import Camera
 
 Font = Any  # ImageFont.FreeTypeFont, or Pillow's own where matplotlib's fonts are missing
+Name = tuple[str, palette.Color, str]  # a run's line in the header: its engine, how it is drawn, what went wrong
 Symbol = Callable[[ImageDraw.ImageDraw, int, int], None]  # draws itself, so wide and so tall
 FINE = 4  # small symbols are drawn this much larger and shrunk, which smooths their edges
-
-
-@dataclass(frozen=True)
-class Name:
-    """A run's line in the header: its engine, how it is drawn, and what went wrong."""
-
-    text: str
-    color: palette.Color
-    translucent: bool = False
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Legend:
-    """What the footer explains.
-
-    Attributes:
-        tension: the colour scale; None without strings.
-        slack, target, fixed, guided: whether these occur.
-        grid: size of a cell [m]; None without a grid.
-        water: whether there is any.
-    """
-
-    tension: palette.TensionScale | None
-    slack: bool
-    target: bool
-    fixed: bool
-    guided: bool
-    grid: float | None
-    water: bool
 
 
 class Labels:
     """Places text on a picture of a given size; what does not fit is left out or shortened.
 
     Attributes:
+        readable: whether there is room for letters; else there is to be no text at all.
         header, footer: heights [px] that the picture itself must leave free.
     """
 
     def __init__(self, width: int, height: int, columns: int, lines: int) -> None:
         self.width, self.height = width, height
         self.unit = min(height / 720.0, width / max(1000.0, 800.0 * columns))
-        # Below some 9 px nothing can be read: then there is no text at all.
-        self.visible = 15.0 * self.unit >= 5.9
+        # Below some 9 px nothing can be read.
+        self.readable = 15.0 * self.unit >= 5.9
         self.size = max(9, round(15 * self.unit))
         self.large = max(11, round(23 * self.unit))
         self.pad = max(4, round(18 * self.unit))
         self.line = round(1.45 * self.size)
-        self.header = self.pad + round(1.35 * self.large) + lines * self.line + self.pad // 3 if self.visible else 0
-        self.footer = round(2.2 * self.size) + self.pad + self.line if self.visible else 0
+        self.header = self.pad + round(1.35 * self.large) + lines * self.line + self.pad // 3
+        self.footer = round(2.2 * self.size) + self.pad + self.line
         self._clock_left: int | None = None
 
     def blank(self) -> Image.Image:
@@ -77,34 +48,28 @@ class Labels:
 
     def title(self, picture: Image.Image, text: str, room_for: str) -> None:
         """The title at the top left; at its right stays room for a text such as the longest time."""
-        if not self.visible:
-            return
         font = _font(self.large, bold=True)
         room = self.width - 3 * self.pad - _width(font, room_for)
         ImageDraw.Draw(picture).text(
             (self.pad, self.pad), _shortened(text, font, room), font=font, fill=palette.to_bytes(palette.TEXT)
         )
 
-    def names(self, picture: Image.Image, names: Sequence[Name], left: int, right: int, line: int) -> None:
-        """One name a line under the title, between two columns of pixels, from the given line on."""
-        if not self.visible:
-            return
+    def names(self, picture: Image.Image, names: Sequence[Name], left: int, right: int) -> None:
+        """One name a line under the title, between two columns of pixels."""
         draw = ImageDraw.Draw(picture)
         font = _font(self.size)
-        for row, name in enumerate(names, line):
+        for row, (name, color, warning) in enumerate(names):
             y = self.pad + round(1.35 * self.large) + row * self.line
             x = left + self.pad
             if len(names) > 1:
                 thick = max(3, round(0.4 * self.size))
                 middle = y + round(0.62 * self.size)
-                color = palette.mixed(name.color, palette.BACKGROUND, 0.5) if name.translucent else name.color
-                draw.rectangle(
-                    (x, middle - thick // 2, x + 2 * self.size, middle + thick // 2), fill=palette.to_bytes(color)
-                )
+                place = (x, middle - thick // 2, x + 2 * self.size, middle + thick // 2)
+                draw.rectangle(place, fill=palette.to_bytes(color))
                 x += 2 * self.size + self.pad // 2
-            note = f"  {name.note}" if name.note else ""
+            note = f"  {warning}" if warning else ""
             room = right - x - self.pad - _width(font, note)
-            text = _shortened(name.text, font, room)
+            text = _shortened(name, font, room)
             draw.text((x, y), text, font=font, fill=palette.to_bytes(palette.FAINT_TEXT))
             if note:
                 shift = _width(font, text)
@@ -112,8 +77,6 @@ class Labels:
 
     def clock(self, frame: NDArray[np.uint8], text: str) -> None:
         """The time at the top right, written into the frame (H, W, 3) in place of the last one."""
-        if not self.visible:
-            return
         # Letter by letter from memory, which is ten times as fast as Pillow; digits are equally wide in this font.
         patch = np.concatenate([_letter(self.large, letter) for letter in text], axis=1)
         tall, wide = patch.shape[:2]
@@ -124,31 +87,21 @@ class Labels:
         frame[top : top + tall, left:right] = patch[:, wide - (right - left) :]
         self._clock_left = left
 
-    def legend(self, picture: Image.Image, legend: Legend, camera: Camera) -> None:
-        """The footer: axes, tension scale, and the meaning of what else is drawn."""
-        if not self.visible:
-            return
+    def legend(
+        self, picture: Image.Image, tension: palette.TensionScale | None, words: Sequence[str], camera: Camera
+    ) -> None:
+        """The footer: axes, tension scale, and the meaning of what else is drawn, each beginning as in `SYMBOLS`."""
         draw = ImageDraw.Draw(picture)
         font = _font(self.size)
         x = self._axes(picture, camera) + self.pad
         top = self.height - self.footer + round(0.2 * self.size)
-        if legend.tension is not None:
-            x = self._scale(picture, legend.tension, x, top) + round(1.6 * self.pad)
-        entries: list[tuple[object, str, Symbol]] = [
-            (legend.slack, "slack string", _draw_slack),
-            (legend.target, "target", _draw_target),
-            (legend.fixed, "fixed", _draw_box(palette.SUPPORT)),
-            (legend.guided, "guided", _draw_box(palette.GUIDE)),
-            (legend.water, "water", _draw_water),
-            (legend.grid, f"grid {quantity(legend.grid or 0.0, 'm')}", _draw_grid),
-        ]
-        for there, text, symbol in entries:
-            if not there:
-                continue
-            wide, tall = 2 * self.size, self.size
+        if tension is not None:
+            x = self._scale(picture, tension, x, top) + round(1.6 * self.pad)
+        wide, tall = 2 * self.size, self.size
+        for text in words:
             if x + wide + self.pad // 2 + _width(font, text) > self.width - self.pad:
                 break
-            _paste(picture, symbol, x, top + round(0.35 * self.size), wide, tall)
+            _paste(picture, SYMBOLS[text.split()[0]], x, top + round(0.35 * self.size), wide, tall)
             x += wide + round(0.4 * self.size)
             draw.text((x, top + round(0.2 * self.size)), text, font=font, fill=palette.to_bytes(palette.FAINT_TEXT))
             x += _width(font, text) + round(1.3 * self.pad)
@@ -200,13 +153,8 @@ class Labels:
             place = left + round(share * (wide - 1))
             below = bar_top + tall
             draw.line((place, below, place, below + tall // 3), fill=palette.to_bytes(palette.FAINT_TEXT))
-            draw.text(
-                (place, below + tall // 3 + 1),
-                value,
-                font=small,
-                fill=palette.to_bytes(palette.FAINT_TEXT),
-                anchor="ma",
-            )
+            look: dict[str, Any] = {"font": small, "fill": palette.to_bytes(palette.FAINT_TEXT), "anchor": "ma"}
+            draw.text((place, below + tall // 3 + 1), value, **look)
         return left + wide
 
 
@@ -224,11 +172,8 @@ def _draw_target(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
 
 def _draw_box(color: palette.Color) -> Symbol:
     def draw_box(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
-        half = 0.38 * tall
-        middle = (wide - half - 1, 0.5 * tall)
-        draw.rectangle(
-            (middle[0] - half, middle[1] - half, middle[0] + half, middle[1] + half), fill=palette.to_bytes(color)
-        )
+        side = 0.76 * tall
+        draw.rectangle((wide - side - 1, 0.12 * tall, wide - 1, 0.88 * tall), fill=palette.to_bytes(color))
 
     return draw_box
 
@@ -247,6 +192,16 @@ def _draw_water(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
     body = palette.to_bytes(palette.mixed(palette.WATER, palette.BACKGROUND, 0.5))
     draw.polygon([*points, (0.9 * wide, 0.95 * tall), (0.1 * wide, 0.95 * tall)], fill=body)
     draw.line(points, fill=palette.to_bytes(palette.WATER_LINE), width=FINE, joint="curve")
+
+
+SYMBOLS: dict[str, Symbol] = {
+    "slack": _draw_slack,
+    "target": _draw_target,
+    "fixed": _draw_box(palette.SUPPORT),
+    "guided": _draw_box(palette.GUIDE),
+    "water": _draw_water,
+    "grid": _draw_grid,
+}
 
 
 def _paste(picture: Image.Image, symbol: Symbol, left: int, top: int, wide: int, tall: int) -> None:

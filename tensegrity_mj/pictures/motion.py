@@ -122,15 +122,13 @@ class Motion:
     @classmethod
     def _in(cls, scene: Scene, **samples: Any) -> Motion:
         """With what a scene adds to the samples."""
-        from tensegrity_mj.dynamics.native.plant import break_times  # compiled, and slow to load
-
         contact = scene.contact
         return cls(
             structure=scene.structure,
             target=scene.target,
-            down=_down(scene),
+            down=down_of(scene),
             title=scene.name,
-            break_times=break_times(scene),
+            break_times=scene.break_times,
             floor=None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up),
             terrain=None if contact is None else contact.terrain,
             sea=None if scene.water is None else sea_of(scene),
@@ -198,7 +196,8 @@ def _finite_samples(run: Trajectory) -> int:
     return len(good) if good.all() else int(np.argmin(good))
 
 
-def _down(scene: Scene) -> Array:
+def down_of(scene: Scene) -> Array:
+    """Unit vector (3,) along gravity, or -z where there is none."""
     gravity = np.array(scene.gravity, float)
     size = float(np.linalg.norm(gravity))
     return gravity / size if size > 0.0 else np.array([0.0, 0.0, -1.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import mimetypes
 from html import escape
 from pathlib import Path
@@ -21,10 +22,8 @@ class ShownFile(_Path):
 
     def _repr_html_(self) -> str:
         kind = mimetypes.guess_type(self.name)[0] or ""
-        try:
-            if not kind.startswith(("video/", "image/")) or self.stat().st_size > MOST_EMBEDDED:
-                return f"<code>{escape(str(self))}</code>"
-            source = f'src="data:{kind};base64,{base64.b64encode(self.read_bytes()).decode()}"'
-        except OSError:  # it is gone
-            return f"<code>{escape(str(self))}</code>"
-        return f"<video controls loop {source}></video>" if kind.startswith("video/") else f"<img {source}>"
+        with contextlib.suppress(OSError):  # it is gone
+            if kind.startswith(("video/", "image/")) and self.stat().st_size <= MOST_EMBEDDED:
+                source = f'src="data:{kind};base64,{base64.b64encode(self.read_bytes()).decode()}"'
+                return f"<video controls loop {source}></video>" if kind.startswith("video/") else f"<img {source}>"
+        return f"<code>{escape(str(self))}</code>"

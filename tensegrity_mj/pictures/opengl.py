@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import ctypes.util
 import functools
+import importlib
 import os
 import sys
 from typing import Any
@@ -22,6 +23,10 @@ from tensegrity_mj.errors import MissingLibraryError, OptionError
 
 DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
 DEBIAN_PACKAGES_OSMESA = "libosmesa6"
+REMEDY = (
+    f"on Debian or Ubuntu, install the packages {DEBIAN_PACKAGES} (EGL, which needs no display), "
+    f"or {DEBIAN_PACKAGES_OSMESA} (OSMesa); everything but pictures and videos works without"
+)
 MAX_SIZE = 4096  # px; a frame's largest side
 MAX_BUFFER = 8192  # px; what every OpenGL of the last ten years can hold
 
@@ -49,7 +54,7 @@ def choose_backend() -> str:
         )
     if (chosen == "egl" and egl_devices() == 0) or (chosen == "osmesa" and not has_osmesa()):
         # Found out here: MuJoCo itself cannot even be imported then.
-        raise MissingLibraryError(f"pictures need OpenGL, and MUJOCO_GL={chosen} finds none: {_remedy()}")
+        raise MissingLibraryError(f"pictures need OpenGL, and MUJOCO_GL={chosen} finds none: {REMEDY}")
     if chosen in ("egl", "osmesa", "cgl"):
         return chosen
     if chosen in _WINDOW:
@@ -68,7 +73,7 @@ def choose_backend() -> str:
         return "osmesa"
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return "glfw"
-    raise MissingLibraryError(f"pictures need OpenGL, and this machine has none: {_remedy()}")
+    raise MissingLibraryError(f"pictures need OpenGL, and this machine has none: {REMEDY}")
 
 
 def has_osmesa() -> bool:
@@ -120,7 +125,7 @@ class Canvas(contextlib.ExitStack):
         model.vis.global_.offheight = height
         self.backend = choose_backend()
         try:
-            self._opengl = _context_class(self.backend)(width, height)
+            self._opengl = importlib.import_module(f"mujoco.{self.backend}").GLContext(width, height)
             self.callback(self._opengl.free)
             with self._opengl.as_current():
                 self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
@@ -129,7 +134,7 @@ class Canvas(contextlib.ExitStack):
         except Exception as error:  # a driver or a binding may throw anything: ImportError, GLError, AttributeError
             self.close()
             raise MissingLibraryError(
-                f"OpenGL ({self.backend}) cannot be opened ({type(error).__name__}: {error}): {_remedy()}"
+                f"OpenGL ({self.backend}) cannot be opened ({type(error).__name__}: {error}): {REMEDY}"
             ) from error
 
     def draw(self, scene: Any, width: int, height: int) -> Image:
@@ -152,19 +157,6 @@ class Canvas(contextlib.ExitStack):
             self._context.free()
 
 
-def _context_class(backend: str) -> Any:
-    match backend:
-        case "egl":
-            from mujoco.egl import GLContext
-        case "osmesa":
-            from mujoco.osmesa import GLContext
-        case "cgl":
-            from mujoco.cgl import GLContext
-        case _:
-            from mujoco.glfw import GLContext
-    return GLContext
-
-
 def _loadable(name: str, *files: str) -> ctypes.CDLL | None:
     """The shared library, if the loader finds it under one of its names."""
     for candidate in files:
@@ -175,10 +167,3 @@ def _loadable(name: str, *files: str) -> ctypes.CDLL | None:
         with contextlib.suppress(OSError):
             return ctypes.CDLL(found)
     return None
-
-
-def _remedy() -> str:
-    return (
-        f"on Debian or Ubuntu, install the packages {DEBIAN_PACKAGES} (EGL, which needs no display), "
-        f"or {DEBIAN_PACKAGES_OSMESA} (OSMesa); everything but pictures and videos works without"
-    )

@@ -32,8 +32,6 @@ from tensegrity_mj.runs.verdicts import verdict
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Section", "Table", "pictures_and_tables", "write_report", "write_sections"]
-
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -237,39 +235,24 @@ def _agreement(comparison: Comparison) -> str:
 def _runs(runs: Sequence[Trajectory]) -> str:
     """One column a run."""
 
-    def column(run: Trajectory) -> list[str]:
-        lasted = float(run.time[-1] - run.time[0]) if len(run.time) else math.nan
-        return [
-            run.status.value + (f": {run.message}" if run.message else ""),
-            quantity(lasted, "s", 4),
-            quantity(_final_error(run), "m", 4),
-            quantity(run.max_force_density, "N/m", 4),
-            quantity(run.min_feasibility_margin, "", 4),
-            quantity(run.energy_residual, "J", 4),
-            quantity(run.cost.get("wall_time", math.nan), "s"),
-            str(run.cost.get("steps", "–")),
-            "; ".join(map(str, run.reports.get("warnings") or [])) or "none",
-        ]
+    def column(run: Trajectory) -> dict[str, str]:
+        lasted, errors = float(run.time[-1] - run.time[0]) if len(run.time) else math.nan, run.target_error()
+        return {
+            "status": run.status.value + (f": {run.message}" if run.message else ""),
+            "simulated time": quantity(lasted, "s", 4),
+            "distance to the target at the end": quantity(float(errors[-1]) if len(errors) else math.nan, "m", 4),
+            "largest force density u": quantity(run.max_force_density, "N/m", 4),
+            "smallest feasibility margin": quantity(run.min_feasibility_margin, "", 4),
+            "energy residual": quantity(run.energy_residual, "J", 4),
+            "wall time": quantity(run.cost.get("wall_time", math.nan), "s"),
+            "steps": str(run.cost.get("steps", "–")),
+            "warnings": "; ".join(map(str, run.reports.get("warnings") or [])) or "none",
+        }
 
-    names = (
-        "status",
-        "simulated time",
-        "distance to the target at the end",
-        "largest force density u",
-        "smallest feasibility margin",
-        "energy residual",
-        "wall time",
-        "steps",
-        "warnings",
-    )
-    rows = [row for row in zip(names, *map(column, runs), strict=True) if any(cell != "–" for cell in row[1:])]
-    return table_of(("", *(run.engine or f"run {number}" for number, run in enumerate(runs, 1))), rows)
-
-
-def _final_error(run: Trajectory) -> float:
-    if run.scene.target is None or not len(run.time):
-        return math.nan
-    return float(run.target_error()[-1])
+    columns = [column(run) for run in runs]
+    rows = [(name, *(one[name] for one in columns)) for name in columns[0]]
+    shown = [row for row in rows if any(cell != "–" for cell in row[1:])]
+    return table_of(("", *(run.engine or f"run {number}" for number, run in enumerate(runs, 1))), shown)
 
 
 def _details(run: Trajectory) -> str:

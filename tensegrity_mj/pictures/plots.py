@@ -12,8 +12,8 @@ Every function returns a matplotlib Figure and writes it where a path is given (
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -63,20 +63,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.controllers.lyapunov import Lyapunov
     from tensegrity_mj.controllers.projection import Projection
     from tensegrity_mj.runs.approaches import Clearance
-
-__all__ = [
-    "landscape",
-    "paper",
-    "plot_clearance",
-    "plot_comparison",
-    "plot_coordinates",
-    "plot_errors",
-    "plot_lyapunov",
-    "plot_motion",
-    "plot_paths",
-    "plot_run",
-    "save_figure",
-]
+    from tensegrity_mj.runs.comparison import Comparison
 
 # What of a comparison is drawn.
 DRAWN = ("node_error", "velocity_error", "tension_error", "rod_force_error", "force_density_error", "energy_error")
@@ -88,13 +75,6 @@ NOTEBOOK_DPI = 90
 
 # times (T,), values (T,), colour, line style, label
 _Curve = tuple[Array, Array, Any, str, str | None]
-
-
-class ComparisonLike(Protocol):
-    """What `plot_comparison` reads of a `Comparison`: times (T,), and the differences (T,) named in `DRAWN`."""
-
-    @property
-    def time(self) -> Array: ...
 
 
 def plot_run(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
@@ -131,12 +111,7 @@ def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
-    all_runs = listed(runs)
-    figure, panels = rows_of_panels(all_runs)
-    for run, row in zip(all_runs, panels, strict=True):
-        for draw, panel in zip((heights, tensions, forces), row, strict=True):
-            draw(panel, run)
-    return saved(figure, path)
+    return _in_rows(runs, path, heights, tensions, forces)
 
 
 def plot_coordinates(
@@ -150,27 +125,26 @@ def plot_coordinates(
     Raises:
         OptionError: no run, an empty one, an unknown rod, or a path that cannot be written.
     """
-    all_runs = listed(runs)
-    figure, panels = rows_of_panels(all_runs)
-    for run, row in zip(all_runs, panels, strict=True):
-        which = rod_index(run, rod)
+
+    def coordinates(panel: Axes, run: Trajectory) -> None:
+        which, rods = rod_index(run, rod), run.scene.structure.rods
         b = directions(run.scene.structure, run.nodes)[:, which]
         aim = target_nodes(run)
         for axis, name in enumerate("xyz"):
-            look = {"color": palette.CYCLE[axis], "marker": palette.marker_of(axis), "ms": 3.5}
-            row[0].plot(run.time, b[:, axis], lw=1.3, label=f"$b_{name}$", markevery=MARKS[axis], **look)
+            look: dict[str, Any] = {"color": palette.CYCLE[axis], "marker": palette.marker_of(axis), "ms": 3.5}
+            panel.plot(run.time, b[:, axis], lw=1.3, label=f"$b_{name}$", markevery=MARKS[axis], **look)
         if aim is not None:
             goal = directions(run.scene.structure, aim)[:, which]
             for axis in range(3):
                 label = "$b_d$" if axis == 0 else None
-                row[0].plot(run.time, goal[:, axis], color=palette.CYCLE[axis], lw=1.2, ls=":", label=label)
-        row[0].plot(run.time, np.sum(b * b, axis=1), color="black", lw=1.0, ls="--", label=r"$\|b\|^2$")
-        rods = run.scene.structure.rods
+                panel.plot(run.time, goal[:, axis], color=palette.CYCLE[axis], lw=1.2, ls=":", label=label)
+        panel.plot(run.time, np.sum(b * b, axis=1), color="black", lw=1.0, ls="--", label=r"$\|b\|^2$")
         of_which = f" of rod {figure_text(rods[which].name)}" if len(rods) > 1 else ""
-        over_time(row[0], f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
-        controls(row[1], run)
-        multipliers(row[2], run, [which])
-    return saved(figure, path)
+        over_time(panel, f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
+
+    return _in_rows(
+        runs, path, coordinates, controls, lambda panel, run: multipliers(panel, run, [rod_index(run, rod)])
+    )
 
 
 def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
@@ -182,42 +156,51 @@ def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
+    return _in_rows(runs, path, _errors, controls, multipliers)
+
+
+def _errors(panel: Any, run: Trajectory) -> None:
+    """‖e_b‖, ‖e_r‖ and the distances of point masses, or changes since the start."""
+    structure, aim = run.scene.structure, target_nodes(run)
+    reference = run.nodes[:1] if aim is None else aim
+    sign = "\\Delta " if aim is None else "e_"
+    b_error = np.linalg.norm(directions(structure, run.nodes) - directions(structure, reference), axis=-1)
+    r_error = np.linalg.norm(support_points(structure, run.nodes) - support_points(structure, reference), axis=-1)
+    for values, style, letter in ((b_error, "-", "b"), (r_error, "--", "r")):
+        moving = np.flatnonzero(values.max(axis=0) > 1e-12)  # a pinned rod's r cannot move
+        shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
+        rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
+        if rest.shape[1]:
+            label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
+            band = {"color": palette.BAND, "lw": 0.0, "hatch": "" if letter == "b" else "////", "ec": "white"}
+            panel.fill_between(run.time, rest.min(axis=1), rest.max(axis=1), zorder=1.0, label=label, **band)
+        for a in shown:
+            label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
+            look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5}
+            every = MARKS[a % len(MARKS)]
+            panel.plot(run.time, values[:, a], lw=WIDTH, ls=style, label=label, markevery=every, **look)
+    for k, mass in enumerate(structure.given.point_masses):
+        i = structure.node_index[mass.node]
+        distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
+        name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None
+        panel.plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=name)
+    title = "Change since the start" if aim is None else r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)"
+    over_time(panel, title, r"$b$ [1], $r$ [m]")
+
+
+def _in_rows(
+    runs: Trajectory | Sequence[Trajectory], path: PathLike | None, *draw: Callable[[Any, Trajectory], None]
+) -> Figure:
+    """A row of panels for each run, one by each of these functions; written where a path is given."""
     all_runs = listed(runs)
     figure, panels = rows_of_panels(all_runs)
     for run, row in zip(all_runs, panels, strict=True):
-        structure, aim = run.scene.structure, target_nodes(run)
-        reference = run.nodes[:1] if aim is None else aim
-        sign = "\\Delta " if aim is None else "e_"
-        b_error = np.linalg.norm(directions(structure, run.nodes) - directions(structure, reference), axis=-1)
-        r_error = np.linalg.norm(support_points(structure, run.nodes) - support_points(structure, reference), axis=-1)
-        for values, style, letter in ((b_error, "-", "b"), (r_error, "--", "r")):
-            moving = np.flatnonzero(values.max(axis=0) > 1e-12)  # a pinned rod's r cannot move
-            shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
-            rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
-            if rest.shape[1]:
-                label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
-                band = {"color": palette.BAND, "lw": 0.0, "hatch": "" if letter == "b" else "////", "ec": "white"}
-                row[0].fill_between(run.time, rest.min(axis=1), rest.max(axis=1), zorder=1.0, label=label, **band)
-            for a in shown:
-                label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
-                look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5}
-                every = MARKS[a % len(MARKS)]
-                row[0].plot(run.time, values[:, a], lw=WIDTH, ls=style, label=label, markevery=every, **look)
-        for k, mass in enumerate(structure.given.point_masses):
-            i = structure.node_index[mass.node]
-            distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
-            name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None
-            row[0].plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=name)
-        title = "Change since the start" if aim is None else r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)"
-        over_time(row[0], title, r"$b$ [1], $r$ [m]")
-        controls(row[1], run)
-        multipliers(row[2], run, range(len(structure.rods)))
+        for one, panel in zip(draw, row, strict=True):
+            one(panel, run)
     return saved(figure, path)
 
 
-def plot_comparison(
-    comparison: ComparisonLike, path: PathLike | None = None, *, runs: Sequence[Trajectory] = ()
-) -> Figure:
+def plot_comparison(comparison: Comparison, path: PathLike | None = None, *, runs: Sequence[Trajectory] = ()) -> Figure:
     """The differences of two runs over time, on a logarithmic scale: the largest over nodes, strings or rods.
 
     Args:

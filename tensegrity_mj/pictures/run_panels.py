@@ -14,6 +14,7 @@ from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.curves import WIDTH, draw_curves, rod_groups, string_groups
 from tensegrity_mj.pictures.figure import COLUMN, GREY, ROW, beside, frame, new_figure, note
+from tensegrity_mj.pictures.motion import down_of
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -40,10 +41,11 @@ def controls(panel: Axes, run: Trajectory) -> None:
     over_time(panel, title, "force density [N/m]")
 
 
-def multipliers(panel: Axes, run: Trajectory, rods: Sequence[int]) -> None:
-    """λ of some rods."""
-    names = [run.scene.structure.rods[a].name for a in rods]
-    draw_curves(panel, run.time, run.multipliers[:, list(rods)], names)
+def multipliers(panel: Axes, run: Trajectory, rods: Sequence[int] | None = None) -> None:
+    """λ of some rods, by default of all."""
+    chosen = list(range(len(run.scene.structure.rods)) if rods is None else rods)
+    names = [run.scene.structure.rods[a].name for a in chosen]
+    draw_curves(panel, run.time, run.multipliers[:, chosen], names)
     over_time(panel, rf"Lagrange multiplier{'s' if len(names) > 1 else ''} $\lambda$", r"$\lambda$ [1/s²]")
 
 
@@ -100,9 +102,7 @@ def upwards(run: Trajectory) -> Array:
     """Unit vector (3,): the floor's normal, else against gravity, else z."""
     if run.scene.contact is not None and run.scene.contact.floor is not None:
         return run.scene.contact.up
-    gravity = np.array(run.scene.gravity, float)
-    size = float(np.linalg.norm(gravity))
-    return -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    return -down_of(run.scene)
 
 
 def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:

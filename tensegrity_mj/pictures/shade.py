@@ -63,7 +63,8 @@ def patches(
             middle = start + share * way
             for wide, dark in SOFT if pieces > 1 else SOFT[1:]:
                 half = (0.5 * length / pieces, wide * (radius + WIDER * height))
-                yield Patch(middle, half, axes, weight * dark * _darkness(height, extent), False)
+                darkness = DARKEST / (1.0 + height / (PALER * extent))
+                yield Patch(middle, half, axes, weight * dark * darkness, False)
     for pair, radius, length in zip(structure.rod_nodes, radii, structure.rod_lengths, strict=True):
         for node in pair:
             height = max(0.0, float(heights[node]) - radius)
@@ -72,7 +73,3 @@ def patches(
                 for wide, dark in SOFT:
                     half = wide * 1.4 * radius
                     yield Patch(flat[node], (half, half), level, near * dark * min(1.0, 1.6 * DARKEST), True)
-
-
-def _darkness(height: float, extent: float) -> float:
-    return DARKEST / (1.0 + height / (PALER * extent))

@@ -10,22 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.framing import Framing
-from tensegrity_mj.pictures.labels import Labels, Legend, Name
+from tensegrity_mj.pictures.labels import Labels
 from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.opengl import MAX_BUFFER, Canvas, choose_backend
-from tensegrity_mj.pictures.painter import (
-    TRANSLUCENT,
-    Look,
-    Painter,
-    geoms_needed,
-    plate_thickness,
-)
+from tensegrity_mj.pictures.painter import TRANSLUCENT, Look, Painter, geoms_needed, plate_thickness
 from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.supports import supported_points
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
@@ -67,7 +61,8 @@ class Stage(contextlib.ExitStack):
         self.view = view
         self._backdrop: palette.Color = palette.BACKGROUND
         self._split = other is not None and layout is Layout.SIDE_BY_SIDE
-        self._seas = self._seas_shown()
+        seas = [m.sea for m in self.motions]  # a ghost over a run is in the run's own sea, or brings its
+        self._seas = seas if self._split else [next((sea for sea in seas if sea is not None), None)]
         self._ghost = other if not self._split else None
         self.start = min(m.start for m in self.motions)
         self.end = max(m.end for m in self.motions)
@@ -78,11 +73,11 @@ class Stage(contextlib.ExitStack):
         if not any(m.label or m.note for m in self.motions):
             lines = 0
         self._labels = Labels(width, height, columns, lines)
-        header, footer = (self._labels.header, self._labels.footer) if view.text else (0, 0)
+        self._text = view.text and self._labels.readable
+        header, footer = (self._labels.header, self._labels.footer) if self._text else (0, 0)
         wish = {Quality.FAST: 1.0, Quality.FINE: 1.5 if columns == 2 else 2.0, Quality.BEST: 3.0}[view.quality]
-        self._factor = max(
-            f for f in (1.0, 1.5, 2.0, 3.0) if f == 1.0 or f <= min(wish, MAX_BUFFER / max(width, height))
-        )
+        most = min(wish, MAX_BUFFER / max(width, height))
+        self._factor = max(f for f in (1.0, 1.5, 2.0, 3.0) if f == 1.0 or f <= most)
 
         self.framing = Framing(self.motions, self._seas, view, (width // columns) / (height - header - footer))
         self._surface = self.framing.surface
@@ -119,7 +114,7 @@ class Stage(contextlib.ExitStack):
             pixels = self._canvas.draw(scene, *self._drawn_size(port))
             part = self._frame[port.top : port.top + port.height, port.left : port.left + port.width]
             shrink(pixels, self._factor, part, background)
-        if self.view.text and len(self.motions[0].time) > 1:
+        if self._text and len(self.motions[0].time) > 1:
             self._labels.clock(self._frame, self._clock_text(moment))
         return self._frame
 
@@ -137,11 +132,6 @@ class Stage(contextlib.ExitStack):
         opacity = np.clip(255.0 - (white - black).mean(axis=2, keepdims=True), 0.0, 255.0)
         color = np.clip(255.0 * black / np.maximum(opacity, 1.0), 0.0, 255.0)
         return np.round(np.concatenate([color, opacity], axis=2)).astype(np.uint8)
-
-    def _seas_shown(self) -> list[Sea | None]:
-        """Of each motion's picture; a ghost over a run is in the run's own sea, or brings its."""
-        seas = [motion.sea for motion in self.motions]
-        return seas if self._split else [next((sea for sea in seas if sea is not None), None)]
 
     def _plan_ports(self, column: int, columns: int, top: int, height: int) -> list[_Port]:
         """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
@@ -165,34 +155,39 @@ class Stage(contextlib.ExitStack):
     def _draw_surroundings(self) -> None:
         """Everything that no frame changes: title, names, legend."""
         picture = self._labels.blank()
-        if self.view.text:
+        if self._text:
             first = self.motions[0]
             titles = list(dict.fromkeys(m.title for m in self.motions))
             moving = len(first.time) > 1
             self._labels.title(picture, " / ".join(titles), self._clock_text(self.end) if moving else "")
-            self._labels.legend(picture, self._legend(), self.framing.camera)
-            names = [Name(m.label, palette.ROD, note=m.note) for m in self.motions]
+            scale = self._scale if any(m.structure.strings for m in self.motions) else None
+            self._labels.legend(picture, scale, self._legend(), self.framing.camera)
+            names = [(m.label, palette.ROD, m.note) for m in self.motions]
             if self._ghost is not None:
-                names[1] = Name(f"{self._ghost.label} (ghost)", palette.GHOST, True, self._ghost.note)
+                pale = palette.mixed(palette.GHOST, palette.BACKGROUND, 0.5)
+                names[1] = (f"{self._ghost.label} (ghost)", pale, self._ghost.note)
             if self._split:
                 for name, port in zip(names, self._ports, strict=True):
-                    self._labels.names(picture, [name], *port.columns, 0)
+                    self._labels.names(picture, [name], *port.columns)
             else:
-                self._labels.names(picture, names, 0, self.view.size[0], 0)
+                self._labels.names(picture, names, 0, self.view.size[0])
         self._frame: Image = np.array(picture)
 
-    def _legend(self) -> Legend:
+    def _legend(self) -> list[str]:
+        """What the footer explains."""
         held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
         slack = any(np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions)
-        return Legend(
-            tension=self._scale if any(m.structure.strings for m in self.motions) else None,
-            slack=slack,
-            target=self.view.target and any(m.target is not None for m in self.motions),
-            fixed=3 in held,
-            guided=any(h < 3 for h in held),
-            grid=self.framing.cell if self.framing.has_grid or self._surface or self.framing.terrain else None,
-            water=self._surface is not None,
-        )
+        there = {
+            "slack string": slack,
+            "target": self.view.target and any(m.target is not None for m in self.motions),
+            "fixed": 3 in held,
+            "guided": any(h < 3 for h in held),
+            "water": self._surface is not None,
+            f"grid {quantity(self.framing.cell, 'm')}": self.framing.has_grid
+            or self._surface is not None
+            or self.framing.terrain is not None,
+        }
+        return [words for words, drawn in there.items() if drawn]
 
     def _clock_text(self, time: float) -> str:
         # As many decimals as distinguish two frames of a film apart at 30 a second.
@@ -233,7 +228,7 @@ class Stage(contextlib.ExitStack):
         pose = motion.pose(time)
         camera = self.framing.camera
         if self.framing.follow:
-            camera = camera.moved(self._middle(pose.nodes[None])[0])
+            camera = camera.moved(pose.nodes.mean(axis=0))
         elif self.framing.path is not None:
             camera = self.framing.path.at(time)
         painter.look_from(camera, self.framing.reach, self._field_of_view)
@@ -276,7 +271,9 @@ class Stage(contextlib.ExitStack):
         painter.supports(motion.structure, pose.nodes, sizes)
         sea = self._seas[index]
         if self._surface is not None and sea is not None:
-            painter.water(self._surface, self._surface.points(sea, time, self._cells_moved(pose)))
+            # It goes with a structure that the camera follows.
+            moved = self._whole_cells(pose.nodes.mean(axis=0)) if self.framing.follow else np.zeros(2)
+            painter.water(self._surface, self._surface.points(sea, time, moved))
         if self.framing.plate is not None and motion.floor is not None:
             low, high, _ = self.framing.plate
             extent = float(np.linalg.norm(high - low))
@@ -289,17 +286,8 @@ class Stage(contextlib.ExitStack):
         if aim is not None:
             painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
 
-    def _cells_moved(self, pose: Pose) -> Array:
-        """How far (2,) [m] the water goes with a structure that the camera follows."""
-        return self._whole_cells(self._middle(pose.nodes[None])[0]) if self.framing.follow else np.zeros(2)
-
     def _whole_cells(self, shift: Array) -> Array:
         return np.asarray(np.round(shift[:2] / self.framing.cell) * self.framing.cell)
-
-    @staticmethod
-    def _middle(nodes: Array) -> Array:
-        """What the camera follows: the mean (T, 3) of points (T, P, 3)."""
-        return nodes.mean(axis=1)
 
 
 def _trace_colors(motion: Motion) -> NDArray[np.float32]:

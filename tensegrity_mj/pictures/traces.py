@@ -39,15 +39,13 @@ class Traces:
         count = min((len(motion.time) - 1) * fine + 1, MAX_SAMPLES)
         times = np.interp(np.linspace(0, len(motion.time) - 1, count), np.arange(len(motion.time)), motion.time)
         paths = motion.positions(times)
-        pieces: list[tuple[Array, Array, Array, NDArray[np.int64]]] = []
+        pieces = [(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))]
         corners: dict[int, tuple[Array, Array]] = {}
         for row in rows:
             kept = simplify(paths[:, row], tolerance)
             points = paths[kept, row]
             corners[int(row)] = (times[kept], points)
             pieces.append((points[:-1], points[1:], times[kept][1:], np.full(len(kept) - 1, row)))
-        if not pieces:
-            return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), corners)
         starts, ends, done, nodes = (np.concatenate(column) for column in zip(*pieces, strict=True))
         order = np.argsort(done, kind="stable")
         return cls(starts[order], ends[order], done[order], nodes[order], corners)

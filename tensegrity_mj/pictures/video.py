@@ -34,8 +34,6 @@ from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.view import MIN_SIZE, Layout, Quality, View, ViewOptions
 from tensegrity_mj.runs.trajectory import Trajectory
 
-__all__ = ["Layout", "Quality", "frames", "picture", "render", "render_frame", "still"]
-
 Image = NDArray[np.uint8]
 
 MAX_FRAMES = 500_000

@@ -60,7 +60,7 @@ class View:
     traces: bool = True
     target: bool = True
     azimuth: float | None = field(kinds.finite("deg"), default=None, none="None")
-    elevation: float | None = field(kinds.finite("deg"), default=None, none="None")
+    elevation: float | None = field(kinds.within(-90, 90, "deg"), default=None, none="None")
     distance: float | None = field(kinds.positive("m"), default=None, none="None")
     quality: Quality = Quality.FINE
     text: bool = True

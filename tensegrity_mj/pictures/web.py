@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
+from tensegrity_mj.basics.dependencies import optional
 from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.jsontext import to_json
-from tensegrity_mj.errors import MissingPackageError, printable
+from tensegrity_mj.errors import printable
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
@@ -110,14 +111,9 @@ def plotly_script() -> str:
     Raises:
         MissingPackageError: with the command that installs plotly.
     """
-    try:
-        from plotly.offline import get_plotlyjs
-    except ModuleNotFoundError as error:
-        raise MissingPackageError(
-            "the page in 3-D needs plotly, which is not installed: python -m pip install plotly (the extra 'web' of "
-            "tensegrity-mj); pictures and videos need none"
-        ) from error
-    return str(get_plotlyjs())
+    wanted = "plotly (the extra 'web' of tensegrity-mj); pictures and videos need none"
+    optional("plotly", "the page in 3-D", wanted)  # the package first, by its name
+    return str(optional("plotly.offline", "the page in 3-D", wanted).get_plotlyjs())
 
 
 def _times(motion: Motion, room: int) -> Array:

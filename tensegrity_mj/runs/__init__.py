@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.approaches import Pairs as Pairs
     from tensegrity_mj.runs.clearances import clearance as clearance
     from tensegrity_mj.runs.comparison import Comparison as Comparison
-    from tensegrity_mj.runs.comparison import TableComparison as TableComparison
     from tensegrity_mj.runs.comparison import compare as compare
     from tensegrity_mj.runs.convergence import orders_between as orders_between
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers

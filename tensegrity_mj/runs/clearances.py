@@ -16,14 +16,15 @@ cubics differ from the true motion is estimated by how well those over every sec
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, positive, real_array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
@@ -36,14 +37,18 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
 
 
-@dataclass(frozen=True, eq=False)
+_SEVERAL = kinds.many(kinds.choice(Pairs), "a list of kinds")
+KINDS = _SEVERAL._replace(plain=lambda value: _SEVERAL.plain([value] if isinstance(value, (Pairs, str)) else value))
+
+
+@value("clearance", OptionError, positional=2, eq=False)
 class ClearanceOf:
     """The smallest distances between rods, between rods and strings, and between strings.
 
     Attributes:
         what: a run; or a scene (at its start), a structure (at its reference) or a state of equilibrium.
         nodes: of a structure elsewhere: (N, 3) [m], or (T, N, 3) with `time` (T,) [s] and `velocities` [m/s].
-        pairs: kinds of pairs to look at.
+        pairs: kinds of pairs to look at, or one.
         below: [m]: `events` has all approaches to at most this; 0 for touches and passages.
         string_radius: [m] of every string.
         tolerance: [m], see `Clearance`; events of down to this much above `below` may be among those reported.
@@ -55,55 +60,48 @@ class ClearanceOf:
         OptionError: an argument out of its range, or a run without samples.
     """
 
-    what: Trajectory | Scene | Structure | StaticState
-    nodes: ArrayLike | None = None
-    _: KW_ONLY
-    time: ArrayLike | None = None
-    velocities: ArrayLike | None = None
-    pairs: Collection[Pairs] = tuple(Pairs)
-    below: float = 0.0
-    string_radius: float = 0.0
-    tolerance: float = 1e-6
-    every_pair: bool = False
-    over_time: bool = False
-    progress: bool = False
+    what: Trajectory | Scene | Structure | StaticState = field(None)
+    nodes: ArrayLike | None = field(None, default=None)
+    time: ArrayLike | None = field(None, default=None)
+    velocities: ArrayLike | None = field(None, default=None)
+    pairs: Collection[Pairs] = field(KINDS, default=tuple(Pairs))
+    below: float = field(kinds.finite("m"), default=0.0)
+    string_radius: float = field(kinds.not_negative("m"), default=0.0)
+    tolerance: float = field(kinds.positive("m"), default=1e-6)
+    every_pair: bool = field(kinds.flag(), default=False)
+    over_time: bool = field(kinds.flag(), default=False)
+    progress: bool = field(kinds.flag(), default=False)
 
     def __call__(self) -> Clearance:
         path = _path_of(self.what, self.nodes, self.time, self.velocities)
-        kinds = _kinds(self.pairs)
-        margin = positive("tolerance", self.tolerance, "m")
-        level = finite("below", self.below, " [m]")
-        radius = finite("string_radius", self.string_radius, " >= 0 m")
-        if radius < 0:
-            raise OptionError(f"string_radius = {self.string_radius!r}; it must be a finite number >= 0 m")
-        return ClearanceSearch(path, kinds, level, radius, margin).result(
-            self.every_pair, self.over_time, self.progress
-        )
+        wanted = [kind for kind in Pairs if kind in self.pairs]
+        if not wanted:
+            raise OptionError("clearance: pairs is empty; give at least one kind of pairs")
+        search = ClearanceSearch(path, wanted, self.below, self.string_radius, self.tolerance)
+        return search.result(self.every_pair, self.over_time, self.progress)
 
 
 clearance = function_of(ClearanceOf)
 
 
 def _path_of(what: Any, nodes: ArrayLike | None, time: ArrayLike | None, velocities: ArrayLike | None) -> Path:
+    given = {"nodes": nodes, "time": time, "velocities": velocities}
     if isinstance(what, Trajectory):
-        _refuse_given("a run has its own", nodes=nodes, time=time, velocities=velocities)
-        structure = what.scene.structure
+        _refuse_given("a run has its own", **given)
+        scene = what.scene
         good = np.isfinite(what.nodes).all(axis=(1, 2)) & np.isfinite(what.velocities).all(axis=(1, 2))
         count = int(np.argmin(good)) if not good.all() else len(what.time)
         if count == 0:
             raise OptionError(f"the run of scene '{what.scene.name}' ({what.engine}) has no samples to look at")
-        until = np.full(len(structure.strings), np.inf)
-        rows = {string.name: row for row, string in enumerate(structure.strings)}
-        for event in what.scene.breaks:
-            until[rows[event.string]] = min(until[rows[event.string]], event.time)
-        return Path(what.scene.name, structure, what.time[:count], what.nodes[:count], what.velocities[:count], until)
+        samples = what.time[:count], what.nodes[:count], what.velocities[:count]
+        return Path(scene.name, scene.structure, *samples, scene.break_times)
     if isinstance(what, Scene):
-        _refuse_given("a scene has its own start", nodes=nodes, time=time, velocities=velocities)
+        _refuse_given("a scene has its own start", **given)
         return _still(what.name, what.structure, what.nodes0)
     if not isinstance(what, Structure):
         if not (hasattr(what, "model") and hasattr(what, "nodes")):
             raise OptionError(f"clearance of {what!r}; it must be a Trajectory, Scene, Structure or StaticState")
-        _refuse_given("a state has its own", nodes=nodes, time=time, velocities=velocities)
+        _refuse_given("a state has its own", **given)
         return _still(what.model.scene.name, what.model.structure, what.nodes)
     count = len(what.nodes)
     if nodes is None:
@@ -129,16 +127,6 @@ def _still(name: str, structure: Structure, nodes: Array) -> Path:
 
 
 def _refuse_given(why: str, **values: Any) -> None:
-    for name, value in values.items():
-        if value is not None:
+    for name, one in values.items():
+        if one is not None:
             raise OptionError(f"{name} given: {why}; leave it out")
-
-
-def _kinds(pairs: Collection[Pairs]) -> tuple[Pairs, ...]:
-    wanted = (pairs,) if isinstance(pairs, Pairs) else tuple(pairs)
-    for kind in wanted:
-        if not isinstance(kind, Pairs):
-            raise OptionError(f"pairs: {kind!r}; allowed: {', '.join(str(kind) for kind in Pairs)}")
-    if not wanted:
-        raise OptionError("pairs is empty; give at least one kind of pairs")
-    return tuple(kind for kind in Pairs if kind in wanted)

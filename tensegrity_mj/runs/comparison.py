@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, overload
+from typing import Any
 
 import numpy as np
 
@@ -20,27 +20,22 @@ from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
 ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
+OF_TABLES = ("by_node", "resampling_error", "missing_nodes", "unknown_nodes", "times_outside")
 TOLERANCE = 1e-6  # in each unit
 
 
-class _Largest:
-    """Property `max_x` of a comparison: the largest entry of its array `x`; NaN where one is NaN."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name.removeprefix("max_")
-        self.__doc__ = f"The largest over members and times [{DIFFERENCES[self._name].unit}]; NaN where a run has NaN."
-
-    @overload
-    def __get__(self, comparison: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, comparison: object, owner: type) -> float: ...
-    def __get__(self, comparison: object | None, owner: type) -> Self | float:
-        return self if comparison is None else float(np.max(getattr(comparison, self._name), initial=0.0))
+def _largest(name: str) -> property:
+    """Property `max_name` of a comparison."""
+    about = f"The largest over members and times [{DIFFERENCES[name].unit}]; NaN where a run has NaN."
+    return property(lambda found: float(np.max(getattr(found, name), initial=0.0)), doc=about)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """Differences of two runs at their common output times; each array is (T,), the largest over members.
+
+    Of a run and a table of another program, at the table's times; NaN where the table has none of it. The table stays
+    as it is, and the run is interpolated (`runs.resampling.resampled`).
 
     Attributes:
         time: common output times [s].
@@ -52,6 +47,12 @@ class Comparison:
         max_node_error, ...: the largest entry of each array.
         tolerance: in the SI unit of each quantity, what `first_exceeded` refers to where no other is given.
         tolerances: others, by units: {"N": 1e-3}.
+        compared: those of `NAMES` that both have.
+        by_node: the largest distance of each node that both have [m].
+        resampling_error: of a table, estimates of what the interpolation adds to "node_error" [m], "velocity_error"
+            [m/s] and "tension_error" [N]; 0 where all times are samples of the run, NaN where these are too few to say.
+        missing_nodes, unknown_nodes: of the run that the table lacks, of the table that the run lacks: not compared.
+        times_outside: of the table, how many are not within the run.
     """
 
     time: Array
@@ -67,16 +68,22 @@ class Comparison:
     first: str = ""
     second: str = ""
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    compared: tuple[str, ...] = tuple(DIFFERENCES)
+    by_node: Mapping[str, float] = field(default_factory=dict)
+    resampling_error: Mapping[str, float] = field(default_factory=dict)
+    missing_nodes: tuple[str, ...] = ()
+    unknown_nodes: tuple[str, ...] = ()
+    times_outside: int = 0
 
     NAMES = tuple(DIFFERENCES)
 
-    max_node_error = _Largest()
-    max_velocity_error = _Largest()
-    max_tension_error = _Largest()
-    max_rod_force_error = _Largest()
-    max_force_density_error = _Largest()
-    max_rest_length_error = _Largest()
-    max_energy_error = _Largest()
+    max_node_error = _largest("node_error")
+    max_velocity_error = _largest("velocity_error")
+    max_tension_error = _largest("tension_error")
+    max_rod_force_error = _largest("rod_force_error")
+    max_force_density_error = _largest("force_density_error")
+    max_rest_length_error = _largest("rest_length_error")
+    max_energy_error = _largest("energy_error")
 
     def __repr__(self) -> str:
         return at_a_glance(rows_of_comparison(self))
@@ -84,11 +91,6 @@ class Comparison:
     def tolerance_of(self, name: str) -> float:
         """That of one of `NAMES`, in its unit."""
         return self.tolerances.get(DIFFERENCES[name].unit, self.tolerance)
-
-    @property
-    def compared(self) -> tuple[str, ...]:
-        """Those of `NAMES` that both have."""
-        return self.NAMES
 
     @property
     def first_exceeded(self) -> dict[str, float | None]:
@@ -103,7 +105,7 @@ class Comparison:
         return times
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values: the maxima, the RMS, and when each was first exceeded."""
+        """Plain values: the maxima, the RMS, and when each was first exceeded; and what is known of a table besides."""
         return {
             **{f"max_{name}": getattr(self, f"max_{name}") for name in self.NAMES},
             "rms_node_error": self.rms_node_error,
@@ -112,56 +114,10 @@ class Comparison:
             "common_times": len(self.time),
             "from": float(self.time[0]),
             "to": float(self.time[-1]),
+            **({name: getattr(self, name) for name in OF_TABLES} if self.resampling_error else {}),
         }
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class TableComparison(Comparison):
-    """A run against a table of another program, at the table's times; NaN where the table has none of it.
-
-    The table stays as it is, and the run is interpolated (`runs.resampling.resampled`).
-
-    Attributes:
-        by_node: the largest distance of each node that both have [m].
-        resampling_error: estimates of what the interpolation adds to "node_error" [m], "velocity_error" [m/s] and
-            "tension_error" [N]; 0 where all times are samples of the run, NaN where these are too few to say.
-        missing_nodes, unknown_nodes: of the run that the table lacks, of the table that the run lacks: not compared.
-        times_outside: of the table, how many are not within the run.
-    """
-
-    by_node: dict[str, float]
-    resampling_error: dict[str, float]
-    missing_nodes: tuple[str, ...]
-    unknown_nodes: tuple[str, ...]
-    times_outside: int
-
-    @property
-    def compared(self) -> tuple[str, ...]:
-        """Those of `NAMES` that both have."""
-        return tuple(name for name in self.NAMES if not np.isnan(getattr(self, name)).all())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values: as of a `Comparison`, and what is known of the table besides."""
-        more = ("by_node", "resampling_error", "missing_nodes", "unknown_nodes", "times_outside")
-        return super().to_dict() | {name: getattr(self, name) for name in more}
-
-
-@overload
-def compare(
-    first: Trajectory, second: Table, tolerance: float = ..., *, tolerances: Mapping[str, float] | None = ...
-) -> TableComparison: ...
-@overload
-def compare(
-    first: Table, second: Trajectory, tolerance: float = ..., *, tolerances: Mapping[str, float] | None = ...
-) -> TableComparison: ...
-@overload
-def compare(
-    first: Trajectory | Table,
-    second: Trajectory | Table,
-    tolerance: float = ...,
-    *,
-    tolerances: Mapping[str, float] | None = ...,
-) -> Comparison: ...
 @np.errstate(over="ignore", invalid="ignore")  # runs that diverged: what is not finite shows in the result
 def compare(
     first: Trajectory | Table,
@@ -172,7 +128,7 @@ def compare(
 ) -> Comparison:
     """Compare two runs at all output times that they share, without interpolation; or a run with a table.
 
-    Of a table, such as `runs.read_table` reads, each time within the run counts, see `TableComparison`.
+    Of a table, such as `runs.read_table` reads, each time within the run counts, see `Comparison`.
 
     Args:
         tolerance: in the SI unit of each quantity.
@@ -238,12 +194,13 @@ def compare(
         first=first.engine,
         second=second.engine,
         tolerances=limits[1],
+        by_node=dict(zip(first.scene.structure.node_names, distance.max(axis=0).tolist(), strict=True)),
     )
 
 
 def _with_table(
     run: Trajectory, table: Table, limits: tuple[float, dict[str, float]], names: tuple[str, str]
-) -> TableComparison:
+) -> Comparison:
     index = run.scene.structure.node_index
     shared = [node for node in table.nodes if node in index]
     if not shared:
@@ -272,7 +229,7 @@ def _with_table(
         if string.name in table.tensions:
             off = np.abs(found.values["tensions"][:, number] - table.tensions[string.name][rows])
             arrays["tension_error"] = np.fmax(arrays["tension_error"], off)
-    return TableComparison(
+    return Comparison(
         time=table.time[rows],
         **arrays,
         rms_node_error=float(np.sqrt(np.nanmean(distance**2))),
@@ -280,6 +237,7 @@ def _with_table(
         first=names[0],
         second=names[1],
         tolerances=limits[1],
+        compared=tuple(name for name, values in arrays.items() if not np.isnan(values).all()),
         by_node=dict(zip(shared, np.fmax.reduce(distance, axis=0).tolist(), strict=True)),
         resampling_error={ERRORS[name]: error for name, error in found.errors.items()},
         missing_nodes=tuple(node for node in index if node not in table.nodes),

@@ -99,18 +99,14 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
         bound, given = GAIN_BOUND, np.maximum(energy_exchanged(run), stored)
     else:
         bound, given = WINCH_BOUND if np.any(run.winch_work) else ENERGY_BOUND, _energy_given(run)
-    floor = _energy_round_off(run)
+    # What the round-off of positions alone makes of the energy [J], in the stiffest string and under gravity.
+    floor = 1e-12 * (1.0 + float(np.max(run.scene.structure.stiffness, initial=0.0)))
     # In the first steps from rest next to nothing has been given yet, and its relative error is large: the verdict is
     # by the largest of the whole run, its time by the first.
     if not gained.max() > bound * given[-1] + floor:
         return len(run.time), ""
     at = int(np.argmax(gained > bound * given + floor))
     return at, f"energy came from nowhere: {gained[at]:.3g} J gained, {given[at]:.3g} J given"
-
-
-def _energy_round_off(run: Trajectory) -> float:
-    """[J]: what the round-off of positions alone makes of the energy, in the stiffest string and under gravity."""
-    return 1e-12 * (1.0 + float(np.max(run.scene.structure.stiffness, initial=0.0)))
 
 
 def energy_unresolved(run: Trajectory) -> float:

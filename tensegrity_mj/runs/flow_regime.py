@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.water import diameters, samples_at_once, sea_of, segments_of
+from tensegrity_mj.model.elements.water import samples_at_once, sea_of, segments_of
 from tensegrity_mj.model.elements.waves import AboveLevel
+from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.runs.trajectory import Trajectory
 
 LARGEST_REYNOLDS = 2e5
@@ -66,7 +67,7 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     if water is None:
         raise OptionError(f"flow_numbers: scene '{scene.name}' has no water")
     R = len(scene.structure.rods)
-    d, sea = diameters(scene.structure, water), sea_of(scene)
+    d, sea = diameters(scene.structure, water.diameter), sea_of(scene)
     met, undisturbed, orbits = np.zeros(R), np.zeros(R), np.zeros((R, len(sea.amplitude)))
     piece = samples_at_once(scene)
     for first in range(0, len(run.time), piece):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.model.actuation import Mode
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ def winch_increments(run: Trajectory) -> Array:
     L, L0 = structure.string_lengths(run.nodes), run.rest_lengths
     elastic = run.force_densities * L
     mode = (run.provenance.get("actuation") or {}).get("mode", Mode.CONTINUOUS.value)
-    intact = run.time[:, None] < break_times(run.scene)  # what a breaking string sets free is no winch's work
+    intact = run.time[:, None] < run.scene.break_times  # what a breaking string sets free is no winch's work
     gradual = np.asarray(-0.5 * (elastic[1:] + elastic[:-1]) * np.diff(L0, axis=0))
     if not curves.linear and mode != Mode.CONTINUOUS.value:
         if mode == Mode.HOLD_REST_LENGTH.value:

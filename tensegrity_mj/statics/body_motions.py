@@ -7,24 +7,17 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.rigidity import body_motions, turned
-from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.boundary import Boundary
 from tensegrity_mj.statics.model import StaticModel
 
 
-def driven(model: StaticModel, parameter: float = 1.0) -> Array:
-    """(3,) [N]: weights and loads along the straight lines on which nothing holds the whole; zero in equilibrium."""
+def require_held(model: StaticModel, parameter: float) -> None:
+    """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
     resisted = (model.element_stiffness(model.start.ravel()) / model.scale[1],) if model.elements else ()
     free = model.boundary.straight_ways(*resisted)
     external = model.external(parameter)
     force = free @ (free.T @ external.reshape(-1, 3).sum(axis=0))
-    return force if np.linalg.norm(force) > 1e-9 * np.abs(external).sum() else np.zeros(3)
-
-
-def require_held(model: StaticModel, parameter: float = 1.0) -> None:
-    """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
-    force = driven(model, parameter)
-    if not np.any(force):
+    if np.linalg.norm(force) <= 1e-9 * np.abs(external).sum():
         return
     scene = model.scene
     remedy = "take gravity out (gravity = (0, 0, 0), --no-gravity) to see it as it falls freely"
@@ -41,18 +34,14 @@ def require_held(model: StaticModel, parameter: float = 1.0) -> None:
     )
 
 
-def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_forces: Array | None = None) -> Array:
+def neutral_motions(model: StaticModel, x: Array, parameter: float, rod_forces: Array) -> Array:
     """Orthonormal motions (3N, p) of the whole as one body that change no energy: what no stiffness resists.
 
     Translations across the external forces, and turns about an axis to which all of these are parallel, as far as
     supports and holds leave them, and as far as these keep them on their way: a node that a guide holds on a
     straight line leaves the circle about an axis at once, and the reaction of the guide resists.
 
-    Args:
-        model: the problem.
-        x: (3N,) [m].
-        parameter: of the path.
-        rod_forces: N (R,) [N] there; by default those that leave least.
+    At x (3N,) [m], for the parameter of a path, under axial forces N (R,) [N] of the rods.
     """
     G, Z = model.boundary.quick
     bodies = body_motions(x.reshape(-1, 3))
@@ -72,10 +61,9 @@ def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_fo
         rows.append(Z.T @ (model.element_stiffness(x) @ bodies) / model.scale[1])
     if G.shape[0]:
         inside = model.gradient(x, parameter)
-        N = linear_systems.rod_forces(model, x, inside) if rod_forces is None else rod_forces
-        carried = np.concatenate([model.tensions(model.lengths(x)), N])
+        carried = np.concatenate([model.tensions(model.lengths(x)), rod_forces])
         scale = float(np.abs(carried).max(initial=0.0)) + largest
-        held = inside + model.rod_pulls(x, N)
+        held = inside + model.rod_pulls(x, rod_forces)
         if scale > 0:
             rows.append(by_turning((held - Z @ (Z.T @ held)) / scale))
     _, singular, right = np.linalg.svd(np.vstack(rows), full_matrices=False)

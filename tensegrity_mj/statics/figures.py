@@ -10,7 +10,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, frame, new_figure
+from tensegrity_mj.pictures.curves import draw_curves
+from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figure, note
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path_criticals import Kind
 from tensegrity_mj.statics.response import Response
@@ -29,7 +30,6 @@ NAMED = 40  # members that a bar chart names
 PANELS = 6
 MODE_SIZE = 0.12  # of the largest extent: how far the most moved node of a drawn mode goes
 CURVES = 6
-LINES = 8  # rods and strings that are drawn one by one along a path
 WIDTH = 9.0  # inches
 FAINT = (0.72, 0.74, 0.77)
 
@@ -86,7 +86,7 @@ def members_figure(state: StaticState) -> Figure:
 def response_figure(response: Response) -> Figure:
     """Force over displacement, the lowest stiffness, tensions and rod forces along a path."""
     path = response.path
-    s, strings, rods = path.parameters, path.tensions, path.rod_forces
+    s = path.parameters
     figure = new_figure(WIDTH, 6.4)
     panels = figure.subplots(2, 2)
     for number, curve in enumerate(response.curves[:CURVES]):
@@ -111,10 +111,18 @@ def response_figure(response: Response) -> Figure:
         points = [critical.parameter for critical in path.criticals if critical.kind is kind]
         panels[0, 1].plot(points, np.zeros(len(points)), label=kind.value, **_mark(kind))
     frame(panels[0, 1], "lowest stiffness", y="[N/m]")
-    _bundle(panels[1, 0], s, strings, [string.name for string in path.model.structure.strings], "tensions")
+    structure = path.model.structure
     for event in response.slack_events:
         panels[1, 0].plot(event.parameter, 0.0, ".", ms=4, color=palette.SLACK)
-    _bundle(panels[1, 1], s, rods, [rod.name for rod in path.model.structure.rods], "axial forces of rods")
+    for panel, values, members, title in (
+        (panels[1, 0], path.tensions, structure.strings, "tensions"),
+        (panels[1, 1], path.rod_forces, structure.rods, "axial forces of rods"),
+    ):
+        if members:
+            draw_curves(panel, s, values, [one.name for one in members])
+        else:
+            note(panel, "none")
+        frame(panel, title, y="[N]")
     for panel in (panels[0, 1], panels[1, 0], panels[1, 1]):
         panel.set_xlabel("parameter", fontsize=9)
     return figure
@@ -152,18 +160,14 @@ def _shapes_figure(
     moved = [x + shape * (reach / size) for x, shape, size in zip(at, shapes, sizes, strict=True)]
     # Looked at together: motions across a plane are not seen along its normal.
     view = _view(np.concatenate([*at, *moved]))
-    columns = min(3, len(shapes))
-    rows = -(-len(shapes) // columns)
-    height = _height(np.concatenate([*at, *moved]), view, WIDTH / columns)
-    figure = new_figure(WIDTH, rows * (height + 0.3))
-    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
+    width = WIDTH / min(3, len(shapes))
+    height = _height(np.concatenate([*at, *moved]), view, width)
+    figure, panels = grid_of_panels(len(shapes), 3, width, height + 0.3)
+    for panel, x, there, title in zip(panels, at, moved, titles, strict=True):
         _draw(panel, structure, x @ view.T, whole, (FAINT, FAINT), 0.7)
         _draw(panel, structure, there @ view.T, whole, (palette.CYCLE[0], palette.CYCLE[5]), 0.8, 1.8)
         panel.set_title(title, fontsize=9)
         _space(panel)
-    for panel in panels[len(shapes) :]:
-        panel.set_axis_off()
     return figure
 
 
@@ -229,25 +233,6 @@ def _scale_bar(panel: Axes) -> None:
     panel.plot([left, left + length], [y, y], color=GREY, lw=1.5, solid_capstyle="butt")
     panel.annotate(f"{length:g} m", (left, y), (0, -3), textcoords="offset points", fontsize=8, color=GREY, va="top")
     panel.set_ylim(bottom - 0.12 * (top - bottom), top)
-
-
-def _bundle(panel: Axes, s: Array, values: Array, names: list[str], title: str) -> None:
-    """All curves where they are few; else the least, the median and the largest, and all that lies between."""
-    if not len(names):
-        panel.text(0.5, 0.5, "none", transform=panel.transAxes, ha="center", color=GREY, fontsize=9)
-    elif len(names) <= LINES:
-        for k, name in enumerate(names):
-            panel.plot(s, values[:, k], lw=1.2, color=palette.color_of(k), label=figure_text(name))
-    else:
-        if np.all(np.diff(s) > 0) or np.all(np.diff(s) < 0):
-            panel.fill_between(s, values.min(axis=1), values.max(axis=1), color=palette.CYCLE[0], alpha=0.12, lw=0)
-        for name, curve, style in (
-            ("largest", values.max(axis=1), "-"),
-            ("median", np.median(values, axis=1), "--"),
-            ("least", values.min(axis=1), ":"),
-        ):
-            panel.plot(s, curve, ls=style, lw=1.3, color=palette.CYCLE[0], label=name)
-    frame(panel, title, y="[N]")
 
 
 def _along(response: Response, parameter: float, nodes: Array) -> float:

@@ -26,7 +26,7 @@ from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive, real_array, whole
+from tensegrity_mj.basics.checks import instance, positive, real_array, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.rigidity import members_at, nodal_forces
@@ -73,8 +73,7 @@ class MinimalMass:
     most_programs: int = 4000
 
     def __call__(self) -> Sizing:
-        if not isinstance(self.structure, Structure):
-            raise OptionError(f"structure = {self.structure!r}; it must be a Structure")
+        instance("structure", self.structure, Structure, "it must be a Structure")
         tolerance = positive("tolerance", self.tolerance)
         most = whole("most_programs", self.most_programs, 1)
         _check_supports(self.structure)
@@ -288,17 +287,9 @@ def _polished(problem: Problem, found: Optimum) -> tuple[Array, Array, Array]:
 
 def _governs(masses: Array, needs: Array, least: Array, buckles: NDArray[np.bool_]) -> tuple[Governs, ...]:
     """What decides each of the members of one kind, by what they need and their least masses."""
-    rows = zip(masses, needs, least, buckles, strict=True)
-    return tuple(
-        Governs.NOTHING
-        if not mass > 0
-        else Governs.LEAST_RADIUS
-        if need < low * (1 - 1e-9)
-        else Governs.BUCKLING
-        if bends
-        else Governs.YIELD
-        for mass, need, low, bends in rows
-    )
+    reasons = (Governs.YIELD, Governs.NOTHING, Governs.LEAST_RADIUS, Governs.BUCKLING)
+    found = np.select([~(masses > 0), needs < least * (1 - 1e-9), buckles], [1, 2, 3], 0)
+    return tuple(reasons[k] for k in found.tolist())
 
 
 def _left(matrix: Array, external: Array) -> float:

@@ -99,24 +99,22 @@ def projected(model: StaticModel, x: Array, lengths: Array) -> Array | None:
     return x if best <= 1e-12 else None
 
 
-def lowest_stiffness(at: Linearized, count: int = 1, without: Array | None = None) -> tuple[Array, Array]:
+def lowest_stiffness(at: Linearized, count: int) -> tuple[Array, Array]:
     """The lowest eigenvalues (m,) [N/m], m <= count, ascending, of the stiffness on admissible motions, and these.
 
-    Motions (3N, m) are orthonormal, and across those of `without`. Beyond `DENSE` coordinates the eigenvalues nearest
+    Motions (3N, m) are orthonormal, and across neutral ones. Beyond `DENSE` coordinates the eigenvalues nearest
     to zero are found.
     """
     model, Z, K = at.model, at.Z, at.stiffness
     if Z.shape[1] <= DENSE:
-        T = at.tangent_basis(without)
+        T = at.tangent_basis(at.neutral)
         if not T.shape[1]:
             return np.zeros(0), np.zeros((len(at.x), 0))
         K = T.T @ (K @ T)
         values, vectors = eigh(0.5 * (K + K.T), subset_by_index=[0, min(count, len(K)) - 1])
         return values, np.asarray(Z @ (T @ vectors))
-    rows = [at.held_lengths]
-    if without is not None and without.shape[1]:
-        rows.append(sparse.csr_array((Z.T @ without).T))
-    C, stiffest = sparse.csr_array(sparse.vstack(rows)), model.scale[1]
+    rows = sparse.vstack([at.held_lengths, sparse.csr_array((Z.T @ at.neutral).T)])
+    C, stiffest = sparse.csr_array(rows), model.scale[1]
     values, vectors = nearest_pairs(K, sparse.eye_array(K.shape[0], format="csr"), C, -1e-9 * stiffest, stiffest, count)
     return values, np.asarray(Z @ vectors)
 

@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.linalg import qr
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.boundary import Matrix
 from tensegrity_mj.statics.model import RANK, StaticModel
 
@@ -85,6 +86,11 @@ class Linearized:
         Q, R, _ = qr(matrix.T, mode="full", pivoting=True)
         size = np.abs(np.diag(R))
         return np.asarray(Q[:, int(np.sum(size > RANK * size.max(initial=0.0))) :])
+
+    @cached_property
+    def neutral(self) -> Array:
+        """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
+        return neutral_motions(self.model, self.x, self.s, self.forces)
 
     @cached_property
     def by_parameter(self) -> tuple[Array, Array]:

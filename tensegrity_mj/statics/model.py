@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import member, real_array
+from tensegrity_mj.basics.checks import instance, member, real_array
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of, slopes_of
@@ -103,8 +103,7 @@ class StaticModel:
         """
         if isinstance(scene, Structure):
             scene = Scene(scene)
-        if not isinstance(scene, Scene):
-            raise OptionError(f"scene = {scene!r}; use a Scene or a Structure, or load_scene(name or path)")
+        instance("scene", scene, Scene, "use a Scene or a Structure, or load_scene(name or path)")
         require(None, scene, "statics")
         member("rods", rods, Rods)
         structure = scene.structure

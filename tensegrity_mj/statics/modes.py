@@ -22,14 +22,14 @@ from scipy.sparse.linalg import ArpackNoConvergence
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import checked, positive, whole
+from tensegrity_mj.basics.checks import checked, instance, positive, whole
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import VARIABLES
+from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES, sizes_of
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.words import counted
@@ -163,8 +163,7 @@ def natural_modes(state: StaticState, count: int | None = None) -> Modes:
         OptionError: for arguments that do not fit.
         InfeasibleError: where the iteration does not converge.
     """
-    if not isinstance(state, StaticState):
-        raise OptionError(f"natural_modes of {state!r}: use a StaticState, as find_equilibrium(scene) returns")
+    instance("state", state, StaticState, "use a StaticState, as find_equilibrium(scene) returns")
     wanted = None if count is None else whole("count", count, 1)
     M = mass_matrix(state.model.structure)
     if state.model.boundary.Z.shape[1] <= linear_systems.DENSE:
@@ -254,8 +253,7 @@ def mode_trajectory(
     Raises:
         OptionError: for arguments that do not fit, and an amplitude at which rods cannot keep their lengths.
     """
-    if not isinstance(modes, Modes):
-        raise OptionError(f"mode_trajectory of {modes!r}: use natural_modes(state)")
+    instance("modes", modes, Modes, "use natural_modes(state)")
     count = len(modes.squares)
     number = checked("number of the mode", number, kinds.whole(0, count - 1))
     samples = whole("frames", frames, 8)
@@ -295,10 +293,10 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
     state, model = modes.state, modes.state.model
     structure = model.structure
     scene = state.scene()
-    T, N, M, R = len(time), len(state.nodes), len(structure.strings), len(structure.rods)
-    sizes = {"time": T, "node": N, "axis": 3, "string": M, "rod": R}
+    T, N, R = len(time), len(state.nodes), len(structure.rods)
+    sizes = sizes_of(scene, T)
     data: dict[str, Any] = {
-        name: np.full([sizes[d] for d in dims], np.nan if name in _UNKNOWN else 0.0)
+        name: np.full([sizes[d] for d in dims], np.nan if name in LAW_REPORTS else 0.0)
         for name, (dims, _, _) in VARIABLES.items()
     }
     data["time"] = time
@@ -320,6 +318,3 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
     return Trajectory(
         scene=scene, **data, engine=f"mode {number + 1} of '{model.scene.name}': {what}", cost={}, reports={}
     )
-
-
-_UNKNOWN = ("feasibility_margin", "lyapunov", "lyapunov_error", "lyapunov_velocity", "allocation_residual")

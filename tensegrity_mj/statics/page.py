@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.study import StaticStudy
 
 MOST_LINES = 3  # of a finding
+USES = {"member": "member", "criterion": "criterion", "force": "force [N]", "limit": "limit [N]"}  # heads of a `Use`
+USES |= {"utilisation": "utilisation", "time": "time [s]"}
 EXPLAINED = (
     "Grey is where the scene starts, colour the equilibrium. Rods are straight and carry axial forces alone, strings "
     "only pull, and neither contact nor a fluid has a part in it; docs/statics.md says what is computed and how."
@@ -44,12 +47,8 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
         members = Table("members", columns, rows, folded=True)
         sections.append(Section("Lightest members", study.sizing.describe(), [members]))
     if study.run is not None:
-        uses = [
-            (use.member, use.criterion.value, use.force, use.limit, use.utilisation, use.time) for use in study.run.uses
-        ]
-        heads = ("member", "criterion", "force [N]", "limit [N]", "utilisation", "time [s]")
-        parts = [Table("largest uses", heads, uses, folded=True)] if uses else []
-        sections.append(Section("Members over the run", study.run.describe(), parts))
+        uses = [Table.of("largest uses", USES, plain(study.run.uses), folded=True)] if study.run.uses else []
+        sections.append(Section("Members over the run", study.run.describe(), uses))
     sections.append(
         Section("All that was found", parts=[Table("A line each", ("", ""), study.describe(), folded=True)])
     )
@@ -121,12 +120,8 @@ def _found(study: StaticStudy, state: StaticState) -> list[Section]:
         sections.append(Section("Path", parts=parts))
     if study.modes is not None:
         modes = figures.modes_figure(study.modes)
-        rows = [
-            (number + 1, float(frequency), *masses)
-            for number, (frequency, masses) in enumerate(
-                zip(study.modes.frequencies, study.modes.effective_masses.tolist(), strict=True)
-            )
-        ]
+        rows = list(enumerate(study.modes.frequencies.tolist(), start=1))
+        rows = [(*row, *masses) for row, masses in zip(rows, study.modes.effective_masses.tolist(), strict=True)]
         columns = ("mode", "frequency [Hz]", "effective mass x [kg]", "y [kg]", "z [kg]")
         pictures = [] if modes is None else [Picture(modes, "The first modes, over the equilibrium (grey)")]
         numbers = Table("all modes", columns, rows, folded=True)

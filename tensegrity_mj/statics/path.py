@@ -125,16 +125,6 @@ class Path:
             check_known("reaction", name, index, "node")
         return [index[name] for name in names]
 
-    @property
-    def first_slack(self) -> tuple[int, str] | None:
-        """The first point with a slack string that was taut at the start, and the string; or None."""
-        taut = ~self.states[0].slack
-        for p, state in enumerate(self.states):
-            lost = np.flatnonzero(taut & state.slack)
-            if len(lost):
-                return p, self.model.structure.strings[int(lost[0])].name
-        return None
-
 
 @dataclass(frozen=True, eq=False)
 class PathSearch:

@@ -13,7 +13,6 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
-from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.path_steps import Point, Tangent, Walk, bordered, scaled, zero
 from tensegrity_mj.statics.rounding import round_off
@@ -65,12 +64,12 @@ def begin(state: StaticState, goal: float, direction: ArrayLike | None) -> tuple
         way = model.boundary.Z @ (model.boundary.Z.T @ way)
         if not np.any(way):
             raise OptionError("direction: it moves nothing but what supports and holds keep; give another")
-    at = Linearized(model, state.x, state.parameter, state.bar_forces)
+    at = state.linearized
     nothing = Tangent(np.zeros_like(state.x), 1.0, np.zeros_like(state.bar_forces))
     first = Point.of(state, at, nothing)
     idle = first.modes[:, np.abs(first.values) <= zero(model)]  # the tangent goes across what nothing resists
     right = (np.zeros(model.boundary.Z.shape[1]), np.zeros_like(state.bar_forces), 1.0)
-    found = bordered(at, right, nothing, 1.0, 1.0, np.hstack([state.neutral_motions, idle]))
+    found = bordered(at, right, nothing, 1.0, 1.0, np.hstack([at.neutral, idle]))
     pushed = found is None or found.pushed > 1e-6
     if pushed and way is None:
         raise InfeasibleError(

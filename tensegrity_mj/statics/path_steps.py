@@ -9,7 +9,6 @@ from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics import linear_systems
-from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
@@ -52,7 +51,7 @@ class Point(NamedTuple):
         """With its eigenvalues, of which so many are expected to be negative."""
         count = EIGENVALUES + expected
         while True:
-            values, modes = linear_systems.lowest_stiffness(at, count, state.neutral_motions)
+            values, modes = linear_systems.lowest_stiffness(at, count)
             if len(values) < count or values[-1] >= -zero(state.model):
                 return cls(state, tangent, values, modes, effort)
             count *= 2
@@ -95,15 +94,14 @@ class Walk:
         changed = np.flatnonzero(slack != at.state.slack)
         if not len(changed):
             return None
-        here = Linearized(model, x, s, forces)
-        tangent = self.tangent(here, neutral_motions(model, x, s, forces), t)
+        tangent = self.tangent(Linearized(model, x, s, forces), t)
         if tangent is None:
             return None
         # Of the two ways along it the one on which these strings go on to lengthen, or shorten, as they did.
         lengthened = _lengthening(model, x, tangent.x)[changed] @ _lengthening(model, x, t.x)[changed]
         if lengthened < 0:
             tangent = Tangent(-tangent.x, -tangent.s, -tangent.forces)
-        there = self._arrived(at, x, s, forces, tangent, -np.inf)
+        there = self._arrived(at, x, s, forces, tangent)
         return None if there is None or np.any(there.state.slack != slack) else there
 
     def at_parameter(self, before: Point, after: Point, goal: float) -> Point | None:
@@ -111,17 +109,13 @@ class Walk:
         part = (goal - before.state.parameter) / (after.state.parameter - before.state.parameter)
         x = before.state.x + part * (after.state.x - before.state.x)
         forces = before.state.bar_forces + part * (after.state.bar_forces - before.state.bar_forces)
-        found = self._corrected(x, goal, forces, Tangent(np.zeros_like(x), 1.0, np.zeros_like(forces)))
-        if found is None:
-            return None
-        state, at, effort = found
-        tangent = self.tangent(at, state.neutral_motions, before.tangent)
-        return None if tangent is None else Point.of(state, at, tangent, effort, before.unstable)
+        across = Tangent(np.zeros_like(x), 1.0, np.zeros_like(forces))
+        return self._arrived(before, x, goal, forces, across, towards=before.tangent)
 
-    def tangent(self, at: Linearized, neutral: Array, before: Tangent) -> Tangent | None:
+    def tangent(self, at: Linearized, before: Tangent) -> Tangent | None:
         """The tangent of the curve, of arc one, towards `before`."""
         nothing = (np.zeros(at.Z.shape[1]), np.zeros_like(at.forces), 1.0)
-        found = bordered(at, nothing, before, self.move, self.span, neutral)
+        found = bordered(at, nothing, before, self.move, self.span, at.neutral)
         return None if found is None else scaled(found.step, self.move, self.span, 1.0)
 
     def along(self, t: Tangent, dx: Array, ds: float) -> float:
@@ -129,21 +123,30 @@ class Walk:
         return float(t.x @ dx) / self.move**2 + t.s * ds / self.span**2
 
     def _arrived(
-        self, before: Point, x: Array, s: float, forces: Array, across: Tangent, bend: float, idle: Array | None = None
+        self,
+        before: Point,
+        x: Array,
+        s: float,
+        forces: Array,
+        across: Tangent,
+        bend: float = -np.inf,
+        idle: Array | None = None,
+        towards: Tangent | None = None,
     ) -> Point | None:
-        """The point across a tangent from a place ahead of another point."""
+        """The point across a tangent from a place ahead of another point; its tangent is towards this or another."""
         found = self._corrected(x, s, forces, across, idle)
         if found is None:
             return None
-        state, at, effort = found
-        tangent = self.tangent(at, state.neutral_motions, across)
+        state, effort = found
+        at = state.linearized
+        tangent = self.tangent(at, towards or across)
         if tangent is None or self.along(across, tangent.x, tangent.s) < bend:
             return None
         return Point.of(state, at, tangent, effort, before.unstable)
 
     def _corrected(
-        self, x: Array, s: float, forces: Array, across: Tangent, idle: Array | None = None
-    ) -> tuple[StaticState, Linearized, int] | None:
+        self, x: Array, s: float, forces: Array, across: Tangent, idle: Array | None
+    ) -> tuple[StaticState, int] | None:
         """By Newton's method across a tangent and idle motions; and after how many steps it was nearly there."""
         model, length = self.model, self.model.scale[0]
         best, first, effort = np.inf, 0.0, 0
@@ -157,16 +160,14 @@ class Walk:
             spent = used > 2 and size <= 1e3 * rough and off <= 1e-12 and size >= 0.3 * best
             if spent or (size <= rough and off <= 1e-14):
                 least = linear_systems.least_forces(model, x, forces.copy())
-                return StaticState(model, x.reshape(-1, 3).copy(), least, s, used), at, effort
+                return StaticState(model, x.reshape(-1, 3).copy(), least, s, used), effort
             if not np.isfinite(size) or off > 1.0:
                 return None
             best = min(best, size)
             if size > NEARLY * first or off > NEARLY:
                 effort = used + 1
             if without is None:
-                without = neutral_motions(model, x, s, forces)
-                if idle is not None:
-                    without = np.hstack([without, idle])
+                without = at.neutral if idle is None else np.hstack([at.neutral, idle])
             found = bordered(at, (-at.left, -at.gaps, 0.0), across, self.move, self.span, without)
             if found is None or float(np.abs(found.step.x).max(initial=0.0)) > length:
                 return None

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.rigidity import (
     RANK_TOLERANCE,
     BalancedStates,
@@ -106,8 +107,7 @@ def prestress(
         InfeasibleError: if there is none; it says which strings cannot be in tension, and why.
         OptionError: if the level is not positive, or a name in `slack` unknown.
     """
-    if not isinstance(level, (int, float, np.integer, np.floating)) or not 0.0 < level < np.inf:
-        raise OptionError(f"level = {level!r}; it must be a number > 0 N/m")
+    level = positive("level", level, "N/m")
     tight = ~strings_named("slack", slack, structure)
     positions = nodes_of(structure, nodes)
     motions, forces = free_motions(structure, positions), loads_on(structure, gravity, loads)

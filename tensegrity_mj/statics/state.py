@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
-from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
@@ -93,8 +92,7 @@ class StaticState:
     @cached_property
     def residual(self) -> float:
         """[N]: the largest force that is left on a free coordinate."""
-        left = self.model.gradient(self.x, self.parameter) + self.model.rod_pulls(self.x, self.bar_forces)
-        return float(np.abs(self.model.boundary.Z.T @ left).max(initial=0.0))
+        return float(np.abs(self.linearized.left).max(initial=0.0))
 
     @cached_property
     def reactions(self) -> Array:
@@ -114,7 +112,7 @@ class StaticState:
     @cached_property
     def neutral_motions(self) -> Array:
         """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
-        return neutral_motions(self.model, self.x, self.parameter, self.bar_forces)
+        return self.linearized.neutral
 
     @cached_property
     def lowest_stiffness(self) -> float:
@@ -129,7 +127,7 @@ class StaticState:
 
     def softest(self, count: int = 6) -> tuple[Array, Array]:
         """The lowest eigenvalues (m,) [N/m] of the stiffness, and their motions (3N, m), neutral ones left out."""
-        return linear_systems.lowest_stiffness(self.linearized, count, self.neutral_motions)
+        return linear_systems.lowest_stiffness(self.linearized, count)
 
     def stiffness(self) -> Array:
         """K (t, t) [N/m] on the motions of `motions()`."""

@@ -22,6 +22,7 @@ from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.variables import labels_of
 from tensegrity_mj.statics import words
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
@@ -209,7 +210,7 @@ class Analysis:
         model = self._model()
         if self.engine is not None:
             require_rigid_and_free(model)
-        checked = None if self.run is None else _checked(self.run, model.structure)
+        checked = None if self.run is None else _checked(self.run, model.scene)
         sizing = None if self.materials is None else _sized(model, self.materials)
         start = balance(model)
         try:
@@ -306,16 +307,13 @@ def _sized(model: StaticModel, materials: Materials) -> Sizing:
     )
 
 
-def _checked(run: Trajectory, structure: Structure) -> TrajectoryCheck:
+def _checked(run: Trajectory, scene: Scene) -> TrajectoryCheck:
     instance("run", run, Trajectory, "it must be a Trajectory")
-    own = run.scene.structure
-    for what, theirs, ours in (
-        ("nodes", own.node_names, structure.node_names),
-        ("rods", [rod.name for rod in own.rods], [rod.name for rod in structure.rods]),
-        ("strings", [string.name for string in own.strings], [string.name for string in structure.strings]),
-    ):
-        if list(theirs) != list(ours):
-            raise OptionError(f"run: of scene '{run.scene.name}', whose {what} are others than those of this scene")
+    own, structure = run.scene.structure, scene.structure
+    theirs, ours = labels_of(run.scene), labels_of(scene)
+    for kind in ("node", "rod", "string"):
+        if theirs[kind] != ours[kind]:
+            raise OptionError(f"run: of scene '{run.scene.name}', whose {kind}s are others than those of this scene")
     # What members bear is said by the scene that was given: the run may be older.
     limited: Any = replace(
         own,

@@ -141,7 +141,8 @@ class ManyRuns:
             and in their strings' stiffness, damping and rest lengths, under one law.
         duration, actuation, on_infeasible, output_interval, progress: as in `simulate`; the duration is the first
             scene's by default.
-        threads: number of threads; 0 for as many as there are cores. The results do not depend on it.
+        threads: number of threads; 0 for as many as there are cores. MuJoCo's results do not depend on it; JAX's do by
+            the round-off of sums in another order.
 
     Warns:
         StabilityWarning: where the step is beyond the largest stable one at the start of the first scene.

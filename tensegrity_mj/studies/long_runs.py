@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import names_from, positive, whole
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.reference.dae import DAE
@@ -35,12 +33,11 @@ from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import simulate_as_far, versions
+from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.extremes.pace import pace
-from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.report import Page, Report
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.many import RunOptions, run_study
+from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.vibration.stable_step import stable_step
 
 if TYPE_CHECKING:
@@ -49,7 +46,7 @@ if TYPE_CHECKING:
 Data = Mapping[str, Any]
 
 FORMAT = 1
-PAGE, RUNS = "drift.html", "runs"  # what a folder holds
+PAGE = "drift.html"  # what a folder holds
 # MuJoCo's integrators, and classical Runge-Kutta of the reference models with each treatment of drift.
 METHODS = (
     "euler",
@@ -131,8 +128,7 @@ def long_runs(
     methods: Sequence[str] | None = None,
     seed: int = 0,
     folder: str | os.PathLike[str] | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> LongRuns:
     """Measure the drift of energy and constraints over long runs.
 
@@ -143,8 +139,7 @@ def long_runs(
         methods: of `METHODS`; all by default.
         seed: of the velocities of a scene that starts at rest.
         folder: where drift.json, drift.html and finished runs are kept, so that the same call goes on.
-        workers: who computes; all cores by default.
-        progress: show a bar with the time left on stderr.
+        how: workers and progress, see `run_many`.
 
     Raises:
         OptionError: for options out of range.
@@ -157,27 +152,15 @@ def long_runs(
     chosen = names_from("methods", methods, METHODS)
     free = conservative(scene, seed)
     h = default_step(free) if timestep is None else positive("timestep", timestep, "s")
-    place = None if folder is None else made_folder(folder)
-    started, known = time.perf_counter(), versions()
-    study = run_many(
-        run_long,
-        [{"method": name} for name in chosen],
-        None if place is None else place / RUNS,
-        common={"scene": scene_to_toml(free), "steps": steps, "timestep": h},
-        identity={"versions": known},
-        workers=workers,
-        progress=progress,
-        label=f"long runs of {scene.name}",
-    )
-    rows = [
-        dict(outcome["values"])
-        if "values" in outcome
-        else {"method": name, "reason": outcome["reason"], "growth": {}, **{quantity: {} for quantity in QUANTITIES}}
-        for name, outcome in zip(chosen, study.outcomes, strict=True)
-    ]
+    common = {"scene": scene_to_toml(free), "steps": steps, "timestep": h}
+    points = [{"method": name} for name in chosen]
+    study = run_study(run_long, points, runs_in(folder), f"long runs of {scene.name}", how, common)
+    none: dict[str, Any] = {"growth": {}, **{name: {} for name in QUANTITIES}}
+    found = study.rows(lambda outcome: {"reason": outcome["reason"], **none})
+    rows = [{"method": name, **row} for name, row in zip(chosen, found, strict=True)]
     setup = {"scene": scene.name, "steps": steps, "timestep": h, "seed": seed, "marks": marks_of(steps)}
-    data = {"format": FORMAT, "setup": setup, "versions": known, "rows": rows}
-    return LongRuns(data, place, time.perf_counter() - started).kept()
+    data = {"format": FORMAT, "setup": setup, "versions": study.identity["versions"], "rows": rows}
+    return LongRuns(data, seconds=study.seconds).kept(folder)
 
 
 def conservative(scene: Scene, seed: int) -> Scene:

@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -17,6 +18,7 @@ from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import ClusterError, OptionError
+from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
@@ -37,6 +39,7 @@ class Study:
         common, identity: as given to `run_many`.
         folder: where it is kept, or None.
         computed: how many different points this call computed; the others were there.
+        seconds: how long this call took.
     """
 
     task: str
@@ -46,6 +49,7 @@ class Study:
     identity: Values
     folder: Path | None
     computed: int
+    seconds: float
 
     @property
     def failed(self) -> list[int]:
@@ -55,6 +59,10 @@ class Study:
     def values(self, name: str) -> list[Any]:
         """One value of every point; None where a point failed or has no such value."""
         return [outcome.get("values", {}).get(name) for outcome in self.outcomes]
+
+    def rows(self, lost: Callable[[Values], Values]) -> list[Values]:
+        """All values of every point; of one that failed, what `lost` makes of its outcome."""
+        return [outcome["values"] if outcome["status"] == DONE else lost(outcome) for outcome in self.outcomes]
 
     def file(self, number: int, name: str) -> Path | None:
         """Where the file that the task left for a point is; None if it left none of that name."""
@@ -78,7 +86,7 @@ class Study:
 
 
 class RunOptions(TypedDict, total=False):
-    """Arguments of `run_many` that studies hand on."""
+    """Arguments of `run_many` that studies hand on; who calls a study gives `workers` and `progress`."""
 
     identity: Mapping[str, Any] | None
     workers: Workers | None
@@ -123,7 +131,7 @@ def run_many(
         KeyboardInterrupt: on Ctrl-C or SIGTERM; its message says how much is finished, and how to go on.
     """
     name = task_name(task)
-    workers = workers or Workers()
+    workers, started = workers or Workers(), time.perf_counter()
     shared, facts = plain(common or {}, "common"), plain(identity or {}, "identity")
     given = [_point(number, point, shared) for number, point in enumerate(points)]
     # The key is of everything that the task gets, so that a record means the same in any order and any folder.
@@ -134,30 +142,42 @@ def run_many(
     study = {"task": name, "identity": facts, "common": shared, "points": given}
 
     with contextlib.ExitStack() as stack:
-        kept = stack.enter_context(store.opened(place, study)) if place is not None else None
-        outcomes: dict[str, Values] = dict(kept.outcomes) if kept is not None else {}
-        missing = {key: call for key, call in calls.items() if key not in outcomes}
+        kept = stack.enter_context(store.opened(place, study))
+        missing = {key: call for key, call in calls.items() if key not in kept.outcomes}
         if missing:
             shown = stack.enter_context(bar_of(label, len(calls), len(calls) - len(missing), progress))
             compute = stack.enter_context(workers.ready(task))
             try:
                 with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:
                     for key, text, files in answers:
-                        outcomes[key] = from_exact_json(text)
-                        if kept is not None:
-                            named = {_file_name(first[key], own): content for own, content in files.items()}
-                            kept.add(key, outcomes[key], named)
+                        named = {_file_name(first[key], own): content for own, content in files.items()}
+                        kept.add(key, from_exact_json(text), named)
                         shown.update()
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(_stopped(len(outcomes), len(calls), place)) from None
-            except ClusterError as error:
-                raise ClusterError(f"{error}. {_stopped(len(outcomes), len(calls), place)}") from error
-        result = Study(
-            name, tuple(given), tuple(outcomes[key] for key in keys), shared, facts, place, computed=len(missing)
-        )
+            except (KeyboardInterrupt, ClusterError) as error:
+                reached = kept.stopped(f"{{}} of {len(calls)} points are finished")
+                if isinstance(error, ClusterError):
+                    raise ClusterError(f"{error}. {reached}") from error
+                raise KeyboardInterrupt(reached) from None
+        outcomes = tuple(kept.outcomes[key] for key in keys)
+        seconds = time.perf_counter() - started
+        result = Study(name, tuple(given), outcomes, shared, facts, place, len(missing), seconds)
         if place is not None:
             store.write(place / store.RESULT, f"{to_exact_json(result.to_dict(), indent=1)}\n".encode())
     return result
+
+
+def run_study(
+    task: Task,
+    points: Sequence[Mapping[str, Any]],
+    folder: str | os.PathLike[str] | None,
+    label: str,
+    how: RunOptions,
+    common: Mapping[str, Any] | None = None,
+) -> Study:
+    """`run_many` for a study of the package: of other versions it is another one."""
+    options: RunOptions = {"label": label, **how}
+    options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
+    return run_many(task, points, folder, common=common, **options)
 
 
 def task_name(task: Any) -> str:
@@ -189,13 +209,6 @@ def _point(number: int, point: Any, shared: Values) -> Values:
 
 def _file_name(number: int, name: str) -> str:
     return f"{number:06d}-{file_name(name)}"
-
-
-def _stopped(finished: int, total: int, folder: Path | None) -> str:
-    head = f"{finished} of {total} points are finished"
-    if folder is None:
-        return f"{head} and lost: give a folder to keep them"
-    return f"{head} and kept in {folder}; run the same again to go on from there"
 
 
 def bar_of(label: str, total: int, done: int, shown: bool) -> Any:

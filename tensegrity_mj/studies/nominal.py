@@ -20,7 +20,6 @@ from tensegrity_mj.model.structure import Structure
 _Winches, _pack_winches = view_of(
     "NominalWinches",
     **WITHIN,
-    string_count="size",
     ratio=("f8", "string_count"),  # of stiffnesses k/k̂
 )
 

@@ -154,11 +154,10 @@ def figures(
         if len(numeric) == 2:
             yield Picture(_maps(rows, numeric, other, measure), _caption(measure, numeric))
         elif numeric:
-            yield Picture(_lines(rows, numeric[0], [*numeric[1:], *other], measure), _caption(measure, numeric[:1]))
-        else:
-            over = [name for name in drawn if _is_numeric(rows, name)][:3]
-            if over:
-                yield Picture(_dots(rows, over, other, measure), _caption(measure, over))
+            figure = _curves(rows, numeric[:1], [*numeric[1:], *other], measure)
+            yield Picture(figure, _caption(measure, numeric[:1]))
+        elif over := [name for name in drawn if _is_numeric(rows, name)][:3]:
+            yield Picture(_curves(rows, over, other, measure, drawn=True), _caption(measure, over))
 
 
 def _caption(measure: str, over: Sequence[str]) -> str:
@@ -166,35 +165,29 @@ def _caption(measure: str, over: Sequence[str]) -> str:
     return f"{MEASURES[measure].meaning[0].upper()}{MEASURES[measure].meaning[1:]} against {names}"
 
 
-def _lines(rows: Sequence[Row], name: str, other: Sequence[str], measure: str) -> Figure:
-    """The measure over one parameter, a line for each combination of the others: the median of its samples."""
-    figure = new_figure(2.2 * COLUMN, 1.15 * COLUMN)
-    panel = figure.subplots()
-    groups = _grouped(rows, other)
-    for number, (label, members) in enumerate(groups.items()):
-        x, y = _numbers(members, name, measure)
-        color = palette.color_of(number)
-        places = np.unique(x)
-        middle = [float(np.median(y[x == place])) for place in places]
-        style = line_style(number)  # lines that coincide stay visible
-        panel.plot(places, middle, color=color, ls=style, lw=1.4, marker="o", ms=4, label=figure_text(label) or None)
-        if len(x) > len(places):
-            panel.plot(x, y, color=color, lw=0, marker=".", ms=3, alpha=0.5)
-    _scales(panel)
-    frame(panel, "", _axis(rows, name), measure_label(measure), legend=1 < len(groups) <= MAX_LEGEND)
-    return figure
+def _curves(
+    rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measure: str, *, drawn: bool = False
+) -> Figure:
+    """The measure over each parameter, for each combination of the others a line of the medians of samples, and dots.
 
-
-def _dots(rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measure: str) -> Figure:
-    """The measure over each drawn parameter."""
-    figure = new_figure(max(1.6, len(over)) * COLUMN, COLUMN)
+    Of parameters that are `drawn` there are dots alone.
+    """
+    width, height = (max(1.6, len(over)), 1.0) if drawn else (2.2, 1.15)
+    figure = new_figure(width * COLUMN, height * COLUMN)
     panels = np.atleast_1d(figure.subplots(1, len(over), sharey=True))
     groups = _grouped(rows, other)
     for panel, name in zip(panels, over, strict=True):
         for number, (label, members) in enumerate(groups.items()):
             x, y = _numbers(members, name, measure)
-            color = palette.color_of(number)
-            panel.plot(x, y, color=color, lw=0, marker="o", ms=4, alpha=0.8, label=figure_text(label) or None)
+            look: Any = {"color": palette.color_of(number), "ms": 4, "marker": "o", "label": figure_text(label) or None}
+            places = np.unique(x)
+            if drawn:
+                panel.plot(x, y, lw=0, alpha=0.8, **look)
+            else:  # lines that coincide stay visible
+                middle = [float(np.median(y[x == place])) for place in places]
+                panel.plot(places, middle, ls=line_style(number), lw=1.4, **look)
+            if not drawn and len(x) > len(places):
+                panel.plot(x, y, color=look["color"], lw=0, marker=".", ms=3, alpha=0.5)
         _scales(panel)
         unit = measure_label(measure) if panel is panels[0] else ""
         frame(panel, "", _axis(rows, name), unit, legend=1 < len(groups) <= MAX_LEGEND)

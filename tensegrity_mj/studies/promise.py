@@ -10,8 +10,9 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
 
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import TensegrityError
@@ -20,10 +21,9 @@ from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.runs.convergence import node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
-from tensegrity_mj.studies.many import Study, run_many
+from tensegrity_mj.studies.many import RunOptions, run_study
 from tensegrity_mj.studies.promise_experiments import Kind
 from tensegrity_mj.studies.report import Page, Report
-from tensegrity_mj.studies.workers import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,7 +112,7 @@ class Promise(Report):
     NAME = "promise"
 
     @classmethod
-    def of(cls, rows: Sequence[Values], seed: int, kind: Kind = Kind.RANDOM, folder: Path | None = None) -> Promise:
+    def of(cls, rows: Sequence[Values], seed: int, kind: Kind = Kind.RANDOM) -> Promise:
         """The study of experiments' rows, with the seed of these and what they were drawn from."""
         data = {
             "seed": seed,
@@ -122,7 +122,7 @@ class Promise(Report):
             "failures": [row["number"] for row in rows if _broken(row)],
             "rows": list(rows),
         }
-        return cls(data, folder)
+        return cls(data)
 
     @property
     def failures(self) -> list[dict[str, Any]]:
@@ -230,26 +230,20 @@ def promise(
     folder: str | os.PathLike[str] | None = None,
     *,
     kind: Kind = Kind.RANDOM,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> Promise:
     """Measure the promise on `runs` experiments; in a folder, go on where an earlier call stopped.
+
+    `how` has workers and progress, see `run_many`.
 
     Raises:
         OptionError: for options out of range, and what `run_many` refuses.
     """
     runs, seed = whole("runs", runs, 1), whole("seed", seed, 0)
     points = [{"seed": seed, "number": number, "kind": kind.value} for number in range(runs)]
-    study = run_many(measure, points, folder, workers=workers, progress=progress, label="promise")
-    return Promise.of(_rows(study), seed, kind, None if folder is None else Path(folder)).kept()
-
-
-def _rows(study: Study) -> tuple[dict[str, Any], ...]:
-    rows = []
-    for point, outcome in zip(study.points, study.outcomes, strict=True):
-        values = outcome.get("values") or {"outcome": "failed", "cause": outcome.get("reason", "")}
-        rows.append({"number": point["number"], **values})
-    return tuple(rows)
+    study = run_study(measure, points, folder, "promise", how)
+    rows = study.rows(lambda outcome: {"outcome": "failed", "cause": outcome["reason"]})
+    return Promise.of([{"number": number, **row} for number, row in enumerate(rows)], seed, kind).kept(folder)
 
 
 def _broken(row: Mapping[str, Any]) -> list[str]:
@@ -271,14 +265,9 @@ def _broken(row: Mapping[str, Any]) -> list[str]:
 
 def _ratios(costs: Iterable[float]) -> dict[str, Any]:
     """How many there are, their median, what 95 % are within, and the largest."""
-    known = sorted(costs)
-    last = len(known) - 1
-    return {
-        "of": len(known),
-        "median": known[len(known) // 2] if known else math.nan,
-        "most": known[math.ceil(0.95 * last)] if known else math.nan,
-        "largest": known[-1] if known else math.nan,
-    }
+    known = list(costs)
+    median, most, largest = np.quantile(known or [math.nan], (0.5, 0.95, 1.0), method="higher").tolist()
+    return {"of": len(known), "median": median, "most": most, "largest": largest}
 
 
 def _part(true: Any) -> dict[str, Any]:

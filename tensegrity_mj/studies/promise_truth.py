@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
 from collections.abc import Iterator
@@ -84,14 +85,11 @@ def truth_of(experiment: Experiment, request: Request, like: Trajectory) -> Trut
 
 
 def _tight(experiment: Experiment, spacing: float) -> Trajectory:
-    for tolerance in TIGHT:
-        most = round(MOST_EVALUATIONS / 12)
-        try:
-            return _simulate(experiment, DAE(rtol=tolerance, atol=0.01 * tolerance, max_steps=most), spacing)
-        except TensegrityError:
-            if tolerance == TIGHT[-1]:
-                raise
-    raise AssertionError
+    *tighter, last = (DAE(rtol=one, atol=0.01 * one, max_steps=round(MOST_EVALUATIONS / 12)) for one in TIGHT)
+    for engine in tighter:
+        with contextlib.suppress(TensegrityError):
+            return _simulate(experiment, engine, spacing)
+    return _simulate(experiment, last, spacing)
 
 
 def _refined(
@@ -101,13 +99,10 @@ def _refined(
     steps = Steps.of(replace(request, output_interval=spacing), FINE / max(_fastest(request), 1e-300))
     located = can_locate(request.scene.structure)
     k, best, least = 1, None, math.inf
-    while 4 * steps.count(k) <= MOST_EVALUATIONS:
-        engine = kind(method=Method.RK4, timestep=steps.step(k), locate_slack=located)
-        try:
+    while 4 * steps.count * k <= MOST_EVALUATIONS:
+        engine = kind(method=Method.RK4, timestep=steps.unit / k, locate_slack=located)
+        with contextlib.suppress(TensegrityError):
             run = _simulate(experiment, engine, spacing)
-        except TensegrityError:
-            pass
-        else:
             if (away := node_difference(run, other)) < least:
                 best, least = run, away
         if least <= wanted:
@@ -168,7 +163,7 @@ def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterato
     steps = Steps.of(replace(request, output_interval=spacing), COARSE / max(_fastest(request), 1e-300))
 
     def fixed(make: Any, evaluations: int) -> Iterator[tuple[Any, float]]:
-        return ((make(steps.step(k)), evaluations * steps.count(k)) for k in DIVISIONS)
+        return ((make(steps.unit / k), evaluations * steps.count * k) for k in DIVISIONS)
 
     if experiment.engine == "MuJoCo":
         for integrator in (Integrator.RK4, Integrator.EULER, Integrator.IMPLICITFAST, Integrator.DISCRETE):

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from tensegrity_mj.basics.files import write_text
+from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.pictures.findings import Finding, opening_of
 from tensegrity_mj.pictures.page import Section, write_sections
+
+RUNS = "runs"  # in the folder of a study: its finished runs
+
+
+def runs_in(folder: str | os.PathLike[str] | None) -> Path | None:
+    """Where a study that is kept in a folder, which is made, keeps its finished runs.
+
+    Raises:
+        OptionError: where no folder can be made.
+    """
+    return None if folder is None else made_folder(folder) / RUNS
 
 
 @dataclass(frozen=True)
@@ -58,9 +69,11 @@ class Report:
         """Write the page (.html); returns its path."""
         return self.page().write(path)
 
-    def kept(self) -> Self:
-        """The report, written into its folder where it has one: data as .json, and the page."""
-        if self.folder is not None:
-            write_text(self.folder / f"{self.NAME}.json", to_json(self.data, indent=1) + "\n")
-            self.save_page(self.folder / f"{self.NAME}.html")
-        return self
+    def kept(self, folder: str | os.PathLike[str] | None) -> Self:
+        """The report, written into a folder where one is given: data as .json, and the page."""
+        if folder is None:
+            return self
+        own = replace(self, folder=Path(folder))
+        write_text(Path(folder) / f"{self.NAME}.json", to_json(self.data, indent=1) + "\n")
+        self.save_page(Path(folder) / f"{self.NAME}.html")
+        return own

@@ -26,14 +26,14 @@ FORMAT = 1
 
 
 class Store:
-    """An open study folder; use `opened`.
+    """An open study folder, or memory in its place; use `opened`.
 
     Attributes:
-        folder: the folder.
+        folder: the folder, or None.
         outcomes: of every point that is finished, by key.
     """
 
-    def __init__(self, folder: Path, file: FileIO, outcomes: dict[str, dict[str, Any]]) -> None:
+    def __init__(self, folder: Path | None, outcomes: dict[str, dict[str, Any]], file: FileIO | None) -> None:
         self.folder, self.outcomes = folder, outcomes
         self._file = file
 
@@ -43,18 +43,20 @@ class Store:
         Raises:
             FormatError: if it cannot be written.
         """
-        for name, content in files.items():
-            (self.folder / FILES).mkdir(exist_ok=True)
-            write(self.folder / FILES / name, content)
-        try:
-            rest = memoryview(line_of(key, outcome))
-            while rest:
-                rest = rest[self._file.write(rest) :]
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise FormatError(
-                f"{self.folder / POINTS}: cannot be written ({error.strerror}); make room there and run the same again"
-            ) from error
+        if self.folder is not None and self._file is not None:
+            for name, content in files.items():
+                (self.folder / FILES).mkdir(exist_ok=True)
+                write(self.folder / FILES / name, content)
+            try:
+                rest = memoryview(line_of(key, outcome))
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+                os.fsync(self._file.fileno())
+            except OSError as error:
+                where = self.folder / POINTS
+                raise FormatError(
+                    f"{where}: cannot be written ({error.strerror}); make room there and run the same again"
+                ) from error
         self.outcomes[key] = outcome
 
     def once(self, point: Mapping[str, Any], task: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
@@ -63,6 +65,15 @@ class Store:
         if key not in self.outcomes:
             self.add(key, plain(task(), "an outcome"), {})
         return self.outcomes[key]
+
+    def stopped(self, finished: str) -> str:
+        """How many points are kept when the study is stopped, for {} in what is `finished`, and how to go on."""
+        if self.folder is None or self._file is None:
+            return f"{finished.format(len(self.outcomes))} and lost: give a folder to keep them"
+        # The file counts: an interrupt may have come when a point was there, and not yet among the outcomes.
+        self.outcomes = _recovered(self._file)
+        finished = finished.format(len(self.outcomes))
+        return f"{finished} and kept in {self.folder}; run the same again to go on from there"
 
 
 def line_of(key: str, outcome: dict[str, Any]) -> bytes:
@@ -82,16 +93,20 @@ def record_of(line: bytes) -> tuple[str, dict[str, Any]] | None:
 
 
 @contextlib.contextmanager
-def opened(folder: Path, study: dict[str, Any]) -> Iterator[Store]:
+def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Store]:
     """Make the folder of a study, or go on in it.
 
     Args:
+        folder: None keeps everything in memory.
         study: what the study is, as plain values.
 
     Raises:
         OptionError: if the folder belongs to another study or to something else, cannot be made, or is in use.
         FormatError: if what says which study it is cannot be read.
     """
+    if folder is None:
+        yield Store(None, {}, None)
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / STUDY).exists():
@@ -111,7 +126,7 @@ def opened(folder: Path, study: dict[str, Any]) -> Iterator[Store]:
         _compare(folder, study)
         # Unbuffered: closing after a failed write would try again, and hide the error that says what to do.
         with open(folder / POINTS, "a+b", buffering=0) as file:
-            yield Store(folder, file, _recovered(file))
+            yield Store(folder, _recovered(file), file)
 
 
 def write(path: Path, content: bytes) -> None:

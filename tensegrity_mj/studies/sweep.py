@@ -24,11 +24,11 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.simulation import simulate_as_far, versions
+from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Axis, Choice, Draw, Grid, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
-from tensegrity_mj.studies.many import Study, run_many
+from tensegrity_mj.studies.many import RunOptions, Study, run_study
 from tensegrity_mj.studies.parameter_values import encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
@@ -128,16 +128,9 @@ class Sweep:
         if self.keep_trajectories and folder is None:
             raise OptionError("Sweep: keep_trajectories needs a folder to keep them in")
         points = [{"parameters": settings} for settings in self.grid.points()]
-        return run_many(
-            simulate_point,
-            points,
-            folder,
-            common=self.common(),
-            identity={"versions": versions()},
-            workers=workers_for(self._law, workers),
-            progress=progress,
-            label=f"sweep of {cast(Scene, self.scene).name}",
-        )
+        label = f"sweep of {cast(Scene, self.scene).name}"
+        how: RunOptions = {"workers": workers_for(self._law, workers), "progress": progress}
+        return run_study(simulate_point, points, folder, label, how, self.common())
 
     @cached_property
     def _law(self) -> Spec | None:

@@ -11,10 +11,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
-from tensegrity_mj.controllers.landscape import Landscape, angles
-from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures import palette, plots
 from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
-from tensegrity_mj.pictures.plots import contours_of
 from tensegrity_mj.thesis import measures
 from tensegrity_mj.thesis.experiments import TITLES, EngineName, experiment_of
 from tensegrity_mj.thesis.statement import Runs
@@ -181,19 +179,9 @@ def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
     experiment = experiment_of(name)
     law = from_scene(experiment.load(), experiment.law, **experiment.options)
     assert isinstance(law, Lyapunov | Projection)
-    figure = new_figure(6.4, 4.4)
-    panel: Any = figure.subplots()
-    contours_of(panel, Landscape.of(law), 1.0)
-    for number, (_, run) in enumerate(versions_of(all_runs, name)):
-        way = angles(run)
-        if number == 0:
-            panel.plot(way.phi, way.phi_rate, color=RED, lw=1.6)
-            panel.plot(way.phi[:1], way.phi_rate[:1], color=RED, marker="o", ms=5, ls="none")
-        else:
-            every = max(1, len(run.time) // (2 * MARKS))
-            circles(panel, way.phi[::every], way.phi_rate[::every], color=RED)
-    finish(panel, title, r"$\dot\varphi$ [rad/s]", over="")
-    engines_note(figure, all_runs, "the dot is the start")
+    figure = plots.landscape(law, [run for _, run in versions_of(all_runs, name)])
+    figure.axes[0].set_title(title, fontsize=9.5)
+    engines_note(figure, all_runs, "the dot is the start", marks=("full", "dashed"))
     return figure
 
 

@@ -1,7 +1,8 @@
 """What rows of the tables measure, as expressions: `max(sums(a)) / 80`, of the row's runs a, b, c, ... in its order.
 
-An expression is made of numbers, texts, lists, arithmetic, comparisons, indices, attributes of runs, and calls of the
-measures (`lookup.all_measures`) and of the functions below; nothing else is evaluated.
+An expression is made of numbers, texts, lists, also of `... for name in ...`, arithmetic, comparisons, indices,
+attributes of runs, and calls of the measures (`lookup.all_measures`) and of the functions below; nothing else is
+evaluated.
 """
 
 from __future__ import annotations
@@ -23,18 +24,14 @@ from tensegrity_mj.runs.trajectory import Trajectory
 RUNS = "abcdefgh"
 ALLOWED = (
     *(ast.Expression, ast.Constant, ast.Name, ast.Load, ast.List, ast.Tuple, ast.Call, ast.Attribute),
-    *(ast.Subscript, ast.Slice, ast.BinOp, ast.UnaryOp, ast.Compare, ast.operator, ast.unaryop, ast.cmpop),
+    *(ast.ListComp, ast.comprehension, ast.Store, ast.Subscript, ast.Slice, ast.BinOp, ast.UnaryOp, ast.Compare),
+    *(ast.operator, ast.unaryop, ast.cmpop),
 )
 
 
 def largest_of(*values: Any) -> Any:
     """The largest number of an array, or of several."""
     return np.max(values[0]) if len(values) == 1 else max(values)
-
-
-def each(measure: Callable[..., Any], run: Any, labels: Sequence[Any], *more: Any) -> Array:
-    """A measure of every one of these labels of a run."""
-    return np.array([measure(run, label, *more) for label in labels])
 
 
 def of(run: Any, label: str, name: str) -> Array:
@@ -53,7 +50,6 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "angles": angles,
     "degrees": np.degrees,
     "diff": np.diff,
-    "each": each,
     "len": len,
     "log10": math.log10,
     "max": largest_of,
@@ -85,12 +81,13 @@ def compiled(text: str, known: tuple[str, ...]) -> CodeType:
         tree = ast.parse(text, mode="eval")
     except SyntaxError as error:
         raise ValueError(f"is no expression ({error.msg})") from None
+    own = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
     for node in ast.walk(tree):
         if not isinstance(node, ALLOWED) or (isinstance(node, ast.Attribute) and node.attr.startswith("_")):
             raise ValueError(f"has a part that is not allowed: {ast.unparse(node)}")
         if isinstance(node, ast.Call) and (node.keywords or not isinstance(node.func, ast.Name)):
             raise ValueError(f"has a call that is none of a measure or function: {ast.unparse(node)}")
-        if isinstance(node, ast.Name) and node.id not in (*known, *FUNCTIONS, *RUNS):
+        if isinstance(node, ast.Name) and node.id not in (*known, *FUNCTIONS, *RUNS, *own):
             raise ValueError(f"has the name '{node.id}', which is none of a measure, a function, or a run a, b, ...")
     return compile(tree, text, "eval")
 

@@ -6,7 +6,6 @@ import enum
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
@@ -97,7 +96,8 @@ def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
     if statement.engines and engine not in statement.engines:
         return Cell(math.nan, Verdict.UNJUDGED)
     if statement.unjudged:
-        known = bool(statement.measure) and all(_is_complete(runs.get(name)) for name in statement.needs)
+        completed = {name for name, run in runs.items() if run.status is Status.COMPLETED}
+        known = bool(statement.measure) and completed.issuperset(statement.needs)
         return Cell(measured(statement, runs) if known else math.nan, Verdict.UNJUDGED)
     for name in statement.needs:
         if name not in runs:
@@ -111,10 +111,6 @@ def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
             return Cell(math.nan, verdict, f"run '{name}' in {engine.value} ended {reason}")
     value = measured(statement, runs)
     return Cell(value, verdict_of(statement, value))
-
-
-def _is_complete(run: Any) -> bool:
-    return run is not None and run.status is Status.COMPLETED
 
 
 # ------------------------------------------------------------------------------------------------------ as text

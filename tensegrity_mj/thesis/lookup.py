@@ -11,14 +11,11 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.thesis import measures
 from tensegrity_mj.thesis.appendix_c import measures_c
 from tensegrity_mj.thesis.chapter3 import measures3
-from tensegrity_mj.thesis.chapter4 import measures4
-from tensegrity_mj.thesis.chapter5 import measures5
-from tensegrity_mj.thesis.chapter6 import measures6
 from tensegrity_mj.thesis.chapter7 import measures7
 from tensegrity_mj.thesis.expression import compiled, evaluate
 from tensegrity_mj.thesis.statement import Runs, Statement
 
-MODULES = (measures, measures3, measures4, measures5, measures6, measures7, measures_c)
+MODULES = (measures, measures3, measures7, measures_c)
 
 
 @cache

@@ -1,19 +1,26 @@
-"""Quantities of a trajectory that the statements and the figures speak of. Times in s, lengths in m, u in N/m."""
+"""What the rows and the figures of chapters 4 to 6 measure of a trajectory. Times in s, lengths in m, u in N/m."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import nnls
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers.landscape import angles
+from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model import rods
+from tensegrity_mj.model.rigidity import equilibrium_matrix
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis.experiments import BEAM_CELLS, cell_strings
 
 ACTIVE = 1e-9  # N/m; below it a string is slack: what rounding leaves of u = 0 is 1e-16
+SNAPSHOTS = (0.0, 20.0, 40.0, 60.0)  # s, of figure 4.8
+SEEN = 0.02  # of a rod: the width of a drawn line
 
 
 def directions(run: Trajectory, nodes: Array | None = None) -> Array:
@@ -51,11 +58,6 @@ def since(run: Trajectory, time: float, values: Array) -> Array:
 def at(run: Trajectory, time: float, values: Array) -> Array:
     """The values at the sample nearest to a time."""
     return values[int(np.argmin(np.abs(run.time - time)))]
-
-
-def peak(run: Trajectory) -> float:
-    """Largest u of all strings."""
-    return float(run.force_densities.max())
 
 
 def decay_error(run: Trajectory, decay_rate: float) -> float:
@@ -163,3 +165,115 @@ def beam_group(run: Trajectory, group: str) -> Array:
 def _edges(run: Trajectory) -> tuple[Array, Array]:
     n = run.nodes
     return n[:, 0] - n[:, 2], n[:, 3] - n[:, 1]
+
+
+def error_dynamics(run: Trajectory) -> float:
+    """Largest deviation of an error of q from (1 + t) e^(-t) e(0), over e(0)."""
+    goal = cross_coordinates(run, aims(run)[-1])
+    error = cross_coordinates(run) - goal
+    promised = ((1.0 + run.time) * np.exp(-run.time))[:, None] * error[0]
+    return float(np.max(np.abs(error - promised) / np.abs(error[0])))
+
+
+def time_off(run: Trajectory, bound: float, number: int, end: int) -> float:
+    """When [s] the sum leaves its bound (end 0) or is back on it (1), for the time of that number from 0."""
+    found = times_off(run, bound)
+    return found[number][end] if number < len(found) else math.nan
+
+
+def shape_equation(run: Trajectory) -> float:
+    """Largest residual of (4.15), as corrected, over ℓ², with h = 1 m and ℓ² = 2 m²."""
+    phi, inner = sector_angle(run), radii(run)[:, 0]
+    found = (1.0 + inner * (1.0 - np.cos(phi))) ** 2 + (inner * np.sin(phi)) ** 2
+    return float(np.abs(found / 2.0 - 1.0).max())
+
+
+def drawn(run: Trajectory, axis: int) -> Array:
+    """(4, N) coordinates [m] of the nodes at the times of figure 4.8."""
+    return np.array([at(run, time, run.nodes[..., axis]) for time in SNAPSHOTS])
+
+
+def spread_of_cells(run: Trajectory) -> float:
+    """Largest over smallest sum of a cell, at the time where that is most."""
+    cells = cell_sums(run)
+    return float((cells.max(axis=1) / cells.min(axis=1)).max())
+
+
+# ------------------------------------------------------------------------------------------------------- chapter 5
+
+
+def coordinates_go_astray(run: Trajectory) -> bool:
+    """V falls all the time, and yet the error of some coordinate grows for a while."""
+    error = np.abs(directions(run) - directions(run, aims(run)))
+    grows = np.maximum.accumulate(error[::-1], axis=0)[::-1] - error  # to its largest later value
+    return bool(np.all(np.diff(run.lyapunov) < 0.0)) and float(grows.max()) > SEEN
+
+
+def least_norms(run: Trajectory) -> bool:
+    """Whether along the run each law's u has the least of its own norm."""
+    laws = {p: from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
+    for k in range(0, len(run.time), 50):
+        state = run.time[k], run.nodes[k], run.velocities[k]
+        u = {p: law(*state) for p, law in laws.items()}
+        for p in u:
+            norms = {other: np.linalg.norm(u[other], p) for other in u}
+            if norms[p] > min(norms.values()) * (1.0 + 1e-9):
+                return False
+    return True
+
+
+def printed_off(run: Trajectory, at_the_end: bool, printed: Mapping[str, Sequence[float]]) -> float:
+    """Largest difference of the prism's start, or of its target at the end, from printed components.
+
+    Args:
+        printed: of vectors such as "b1" and "r2"; NaN for those that are not printed.
+    """
+    positions = aims(run)[-1] if at_the_end else run.nodes[0]
+    parts = {"b": directions(run, positions), "r": points(run, positions)}
+    off = [np.abs(parts[key[0]][int(key[1]) - 1, : len(values)] - values) for key, values in printed.items()]
+    return float(np.nanmax(np.concatenate(off)))
+
+
+def unbalanced(run: Trajectory) -> float:
+    """Least unbalanced force [N], at the start or at the target, under u >= 0 that sum to 1 N/m.
+
+    Zero where the shape can be prestressed.
+    """
+
+    left = []
+    for positions in (run.nodes[0], aims(run)[-1]):
+        matrix = equilibrium_matrix(run.scene.structure, positions)
+        ones = np.ones((1, matrix.shape[1]))
+        left.append(float(nnls(np.vstack([matrix, ones]), np.append(np.zeros(len(matrix)), 1.0))[1]))
+    return max(left)
+
+
+# ------------------------------------------------------------------------------------------------------- chapter 6
+
+
+def _scalars(run: Trajectory) -> tuple[Array, ...]:
+    """b_dᵀb, b_dᵀḃ, ḃᵀḃ of the first rod, (T,) each."""
+    b, rate = directions(run)[:, 0], directions(run, run.velocities)[:, 0]
+    goal = directions(run, aims(run))[:, 0]
+    return np.sum(goal * b, axis=1), np.sum(goal * rate, axis=1), np.sum(rate * rate, axis=1)
+
+
+def candidate_off(run: Trajectory, number: int) -> float:
+    """Largest difference of the printed V1, V2 or V3, (6.18) to (6.20), from the V that the law reports."""
+    aligned, along, square = _scalars(run)
+    if number == 1:
+        value = 1.0 - aligned - along + 0.75 * square
+    else:
+        mixed = along if number == 2 else aligned * along
+        value = 0.5 - 0.5 * aligned**2 - mixed + 0.75 * square
+    return float(np.abs(value - run.lyapunov).max())
+
+
+def candidate_in_angles_off(run: Trajectory, number: int) -> float:
+    """Largest difference of V_φ + V_θ, (6.21) to (6.23), from the V that the law reports."""
+    way = angles(run)
+    phi, rate = way.phi, way.phi_rate
+    first = 1.0 - np.cos(phi) if number == 1 else 0.5 * np.sin(phi) ** 2
+    mixed = rate * np.sin(phi) * (np.cos(phi) if number == 3 else 1.0)
+    turning = 0.75 * (np.sin(phi) * way.theta_rate) ** 2
+    return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())

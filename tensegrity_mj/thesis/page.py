@@ -7,13 +7,13 @@ from html import escape
 from typing import Any
 
 from tensegrity_mj.basics import texts
+from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.pictures.page import data_url, page_of, table_of
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
 from tensegrity_mj.thesis.ledger import Row, Verdict, value_text
-from tensegrity_mj.thesis.noticed import FORMULA, NOT_STUDIED, NOTHING, noticed
 from tensegrity_mj.thesis.statement import Class
-from tensegrity_mj.thesis.tables import FOLDER
+from tensegrity_mj.thesis.tables import FOLDER, FORMULA, NOT_STUDIED, NOTHING, noticed
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
 CLASSES = ("class", "rows", "come out", "differ", "cannot be judged")  # heads of `_class_rows`
@@ -67,23 +67,14 @@ def row_data(row: Row) -> dict[str, Any]:
         "id": statement.id,
         "class": statement.kind.value,
         "figure": statement.figure or None,
-        "place": statement.place,
-        "page": statement.page,
+        **plain_values(statement, "place", "page"),
         "line": statement.line or None,
-        "says": statement.says,
-        "stated": statement.stated,
-        "value": list(statement.value),
-        "unit": statement.unit,
-        "accepted": {"low": statement.accepted.low, "high": statement.accepted.high, "why": statement.tolerance},
-        "measure": statement.measure,
-        "arguments": dict(statement.arguments),
+        **plain_values(statement, "says", "stated", "value", "unit"),
+        "accepted": {**plain(statement.accepted), "why": statement.tolerance},
+        **plain_values(statement, "measure", "arguments"),
         "runs": list(statement.needs),
-        "ours": {
-            engine.value: {"value": cell.value, "verdict": cell.verdict.value, "note": cell.note}
-            for engine, cell in row.cells.items()
-        },
-        "verdict": row.verdict.value,
-        "cause": row.cause,
+        "ours": plain(row.cells),
+        **plain_values(row, "verdict", "cause"),
         "origin": statement.origin,
         "notices": noticed(statement),
     }

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -153,7 +154,9 @@ def compute_runs(
     able = [(WHOLES[name], one) for name in names if name in WHOLES for one in engines if one in WHOLES[name].engines]
     for whole, engine in able:
         try:
-            runs[engine][whole.name] = whole.compute(engine, place, disturbance, **how)
+            started, how["label"] = time.perf_counter(), f"{whole.name}, {engine.value}"
+            found = whole.compute(engine, place, disturbance, **how)
+            runs[engine][whole.name] = replace(found, cost={"wall_time": time.perf_counter() - started})
         except OptionError:
             raise
         except TensegrityError as error:

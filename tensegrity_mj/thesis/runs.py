@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from dataclasses import KW_ONLY, asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -49,7 +48,7 @@ class StudyRun:
 
     Attributes:
         name, engine: of the study, and in words.
-        cost: wall time [s] of this call; nothing where it was there.
+        cost: wall time [s] of what was computed in this call.
         status, message, time: as of a `Trajectory`; it is complete if all that it consists of is.
     """
 
@@ -60,34 +59,6 @@ class StudyRun:
     status: Status = Status.COMPLETED
     message: str = ""
     time: Array = field(default_factory=lambda: np.zeros(1))
-
-
-class Whole:
-    """What is computed as a whole, of its own folder: a series of cables, or a study of beams."""
-
-    name: str
-
-    def compute(
-        self,
-        engine: EngineName,
-        folder: Path,
-        disturbance: Disturbance | None = None,
-        **how: Unpack[RunOptions],
-    ) -> Any:
-        """Its `StudyRun` in one engine; what the folder has of it is not computed again.
-
-        Args:
-            folder: where the folder of this one is made.
-            disturbance: of what is computed.
-            how: workers and progress, see `run_many`.
-        """
-        started = time.perf_counter()
-        found = self.found(engine, folder, disturbance, {**how, "label": f"{self.name}, {engine.value}"})
-        return replace(found, cost={"wall_time": time.perf_counter() - started})
-
-    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> StudyRun:
-        """The same, without its wall time."""
-        raise NotImplementedError
 
 
 def place_of(folder: Path, name: str, engine: EngineName, identity: Any) -> Path:

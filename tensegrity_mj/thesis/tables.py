@@ -9,10 +9,12 @@ function, which is given the runs and the arguments, or an expression of them, s
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.text.codec import read
@@ -22,9 +24,11 @@ from tensegrity_mj.thesis.lookup import all_measures
 from tensegrity_mj.thesis.statement import Statement
 
 FOLDER = Path(__file__).parent / "tables"
+SENSITIVITY = FOLDER / "sensitivity.json"  # which errors rows notice, made by `sensitivity`
 FILES = ("chapter3", "chapter4", "chapter5", "chapter6", "chapter7", "appendix_c")
 
 NAMED = ("reason", "origin", "unjudged")  # texts that may stand under a name in the file's `[texts]`
+NOTHING, NOT_STUDIED, FORMULA = "nothing", "not studied", "a formula, of no run"
 
 
 @cache
@@ -64,3 +68,24 @@ def _statement(row: Table, texts: Mapping[str, str]) -> Statement:
         except ValueError as error:
             raise row.fail("measure", f"a measure or an expression: it {error}") from None
     return one
+
+
+@cache
+def _notices() -> Mapping[str, Any]:
+    if not SENSITIVITY.is_file():
+        return {}
+    found: Mapping[str, Any] = json.loads(SENSITIVITY.read_text(encoding="utf-8"))["rows"]
+    return found
+
+
+def noticed(statement: Statement) -> str:
+    """The errors that a number or a statement notices, as text; "–" for other rows and those that cannot be judged."""
+    if not statement.kind.is_evidence or statement.unjudged:
+        return "–"
+    if not statement.needs:
+        return FORMULA
+    found = _notices().get(statement.id)
+    if found is None:
+        return NOT_STUDIED
+    parts = [f"{name} {size} %" for name, size in found.items() if size]
+    return ", ".join(parts) or NOTHING

@@ -49,7 +49,7 @@ class LawAtStates:
 
     def derivative(self, model: Vibration, velocities: Array, time: float) -> LawDerivative:
         """Its part of K and D at the state of a model, by central differences."""
-        n, nodes = model.size, model.nodes
+        n, nodes = model.size, model.state.nodes
         size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
         units = model.motion(model.project(np.eye(n)).T)
         largest = np.abs(units).max(axis=(1, 2), initial=0.0)
@@ -63,9 +63,9 @@ class LawAtStates:
         slopes[:, :, moving] = ((ahead - behind) / (2 * h[:, None])).swapaxes(1, 2)
         paths = model.scene.structure.paths
         # How lengths change with y: its transpose takes tensions to forces.
-        stretch = paths.total(np.einsum("mx,nmx->mn", model.segments.directions, paths.spans(units)), axis=0)
+        stretch = paths.total(np.einsum("mx,nmx->mn", model.state.segments.directions, paths.spans(units)), axis=0)
         if self.native.command is Command.FORCE_DENSITY:
-            weight = np.where(model.taut, model.length, 0.0)
+            weight = np.where(model.taut, model.state.lengths, 0.0)
         else:
             weight = -np.where(model.taut, model.stiffness, 0.0)
         push = (stretch * weight[:, None]).T

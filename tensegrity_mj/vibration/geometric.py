@@ -12,10 +12,10 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.constraints import constraint_values
-from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
 from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.vibration.resistance import bending_pulls
 from tensegrity_mj.vibration.state import State
 

@@ -69,7 +69,7 @@ def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) 
     if scheme is Scheme.SEMI_IMPLICIT:
         return _first_root(model, K, D)
     if scheme is Scheme.VELOCITY_IMPLICIT:
-        if model.joints is not None and _scale(model.string_damper) > 0 and has_tree_model(model):
+        if model.state.joints is not None and _scale(model.string_damper) > 0 and has_tree_model(model):
             return tree_limit(tree_model(model))
         return _first_root(model, K, D - 2 * model.body_damper)
     return _first_root(model, K - 2 * model.seen, D - 2 * model.string_damper)
@@ -163,11 +163,11 @@ def _largest(model: Vibration, matrix: Any) -> tuple[float, Array]:
 
 def _projected(model: Vibration, matrix: Any) -> Any:
     """P A P of a sparse A, as something that can be multiplied with."""
-    if model.joints is None:
+    if model.state.joints is None:
         return matrix
     from scipy.sparse.linalg import LinearOperator
 
-    project = model.joints.project
+    project = model.state.joints.project
     return LinearOperator(matrix.shape, matvec=lambda y: project(matrix @ project(np.ravel(y))), dtype=float)
 
 

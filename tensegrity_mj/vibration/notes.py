@@ -64,7 +64,7 @@ def _of_surroundings(model: Vibration, stepping: Stepping) -> list[str]:
 def _of_integrator(model: Vibration, stepping: Stepping) -> list[str]:
     structure, notes = model.scene.structure, []
     implicit = stepping.scheme is Scheme.VELOCITY_IMPLICIT and abs(model.string_damper - model.body_damper).max() > 0
-    if implicit and model.joints is not None and (model.law is not None or not has_tree_model(model)):
+    if implicit and model.state.joints is not None and (model.law is not None or not has_tree_model(model)):
         notes.append(
             "damped strings between rods that share nodes: what this integrator takes of a damper depends on how "
             "the rods hang on each other, which is in the limit of trees of up to 30 rods with supports that stand "
@@ -78,7 +78,7 @@ def _of_integrator(model: Vibration, stepping: Stepping) -> list[str]:
         )
     if stepping.polar:
         first, second = structure.rod_nodes.T
-        b = (model.nodes[second] - model.nodes[first]) / structure.rod_lengths[:, None]
+        b = (model.state.nodes[second] - model.state.nodes[first]) / structure.rod_lengths[:, None]
         sines = np.hypot(b[:, 0], b[:, 1])
         spatial = np.array([rod.support.plane is None for rod in structure.rods], bool)
         near = np.flatnonzero(spatial & (sines < NEAR_POLE))

@@ -35,14 +35,11 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.kinds import SMALLEST
-from tensegrity_mj.model.rigidity import Members
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import on_taut_side
-from tensegrity_mj.vibration.blocks import Assembly, Blocks, is_dense, spring_blocks
+from tensegrity_mj.vibration.blocks import Blocks, is_dense, spring_blocks
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import geometric_of_rods
-from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.state import State
 
 
@@ -59,15 +56,12 @@ class Vibration:
     """The linear model of one state; n coordinates. Matrices are dense up to `DENSE` coordinates, else sparse.
 
     Attributes:
-        scene: what moves.
-        nodes: (N, 3) [m] the state.
+        state: what moves, and where it is.
         taut: (M,) bool.
         at_edge: (M,) bool, taut without tension: half of any motion makes it slack.
-        tension, length: (M,) [N], [m].
+        tension: (M,) [N].
         stiffness: (M,) [N/m] of each string in this model: k, or its curve's slope; u where force densities are held.
         damping: (M,) [N s/m].
-        segments: lengths (S,) and unit vectors (S, 3) of the strings' segments.
-        turned: (N, 3, slots) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
         string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
         body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones count with. Where rods
@@ -75,21 +69,16 @@ class Vibration:
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         bars: (n, n) [1/s²] the part of `material` that elastic rods have.
         law: what a law in the loop adds, or None.
-        joints: what of y they forbid, or None where no rods share a node. Dense matrices have that taken out already;
-            of sparse ones, it is for `project` to do.
+
+    What joints of the state forbid is taken out of dense matrices already; of sparse ones, it is for `project` to do.
     """
 
-    scene: Scene
-    bodies: Bodies
-    nodes: Array
+    state: State
     taut: NDArray[np.bool_]
     at_edge: NDArray[np.bool_]
     tension: Array
-    length: Array
-    segments: Members
     stiffness: Array
     damping: Array
-    turned: Array
     material: Any = field(repr=False)
     geometric: Any = field(repr=False)
     damper: Any = field(repr=False)
@@ -98,41 +87,45 @@ class Vibration:
     acceleration: Array = field(repr=False)
     bars: Any = field(repr=False)
     law: LawDerivative | None = None
-    joints: Joints | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """What moves."""
+        return self.state.scene
 
     @property
     def size(self) -> int:
         """n."""
-        return self.bodies.slots * len(self.bodies.mass)
+        return self.state.bodies.slots * len(self.state.bodies.mass)
 
     @cached_property
     def seen(self) -> Any:
         """(n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always."""
         k = np.where(self.taut, self.scene.structure.stiffness, 0.0)
-        structure, directions = self.scene.structure, self.segments.directions
-        assemble = Assembly(structure, self.bodies, self.turned, self.joints)
-        return assemble(spring_blocks(structure.paths, directions, k, np.zeros(len(directions)))) + self.bars
+        paths, directions = self.scene.structure.paths, self.state.segments.directions
+        return self.state.assembly(spring_blocks(paths, directions, k, np.zeros(len(directions)))) + self.bars
 
     @property
     def pull_per_length(self) -> Array:
         """(S,) [N/m] T/l of each segment: what it resists motions across it with."""
-        return _pull_per_length(self.scene.structure.paths, self.tension, self.segments)
+        return _pull_per_length(self.state, self.tension)
 
     @property
     def is_dense(self) -> bool:
         """Whether the matrices are arrays."""
-        return is_dense(len(self.bodies.mass))
+        return is_dense(len(self.state.bodies.mass))
 
     def project(self, y: Array) -> Array:
         """What joints allow of y (n, ...)."""
-        return y if self.joints is None else self.joints.project(y)
+        return y if self.state.joints is None else self.state.joints.project(y)
 
     def motion(self, y: Array) -> Array:
         """(..., N, 3) displacements of the nodes of coordinates y (..., n), of what joints allow."""
-        B, slots = len(self.bodies.mass), self.bodies.slots
+        bodies, turned = self.state.bodies, self.state.motion.turned
+        B, slots = len(bodies.mass), bodies.slots
         parts = np.zeros((*y.shape[:-1], B + 1, slots))
         parts[..., :B, :] = y.reshape(*y.shape[:-1], B, slots)
-        return np.asarray(np.einsum("nxs,...ns->...nx", self.turned, parts[..., self.bodies.body, :]))
+        return np.asarray(np.einsum("nxs,...ns->...nx", turned, parts[..., bodies.body, :]))
 
 
 def vibration(
@@ -159,8 +152,7 @@ def vibration(
         bodies: of the structure, where they are known already.
     """
     structure = scene.structure
-    bodies = bodies or Bodies.of(structure)
-    state = State(scene, bodies, nodes, velocities, time)
+    state = State(scene, bodies or Bodies.of(structure), nodes, velocities, time)
     paths, length, s = structure.paths, state.lengths, state.segments.directions
     curves = structure.curves
     taut, at_edge = on_taut_side(length, rest_lengths, broken)
@@ -173,8 +165,7 @@ def vibration(
     stiffness = np.where(taut, k if force_densities is None else force_densities, 0.0)
     damping = np.where(taut, structure.damping, 0.0)
 
-    joints, none = state.joints, np.zeros(len(s))
-    assemble = Assembly(structure, bodies, state.motion.turned, joints)
+    assemble, none = state.assembly, np.zeros(len(s))
     rods, acceleration = geometric_of_rods(state, s * tension[paths.strings, None])
     material = assemble(spring_blocks(paths, s, stiffness, none))
     dampers, (stretching, slowing) = spring_blocks(paths, s, damping, none), state.bars()
@@ -186,30 +177,23 @@ def vibration(
     damper = sum((assemble.sum(part) for part in lossy), damper)
     own = Blocks(rods, np.arange(len(rods)), np.arange(len(rods)))
     return Vibration(
-        scene=scene,
-        bodies=bodies,
-        nodes=nodes,
+        state=state,
         taut=taut,
         at_edge=at_edge,
         tension=tension,
-        length=length,
-        segments=state.segments,
         stiffness=stiffness,
         damping=damping,
-        turned=state.motion.turned,
         material=material,
-        geometric=assemble(
-            spring_blocks(paths, s, np.zeros(len(k)), _pull_per_length(paths, tension, state.segments)), own
-        ),
+        geometric=assemble(spring_blocks(paths, s, np.zeros(len(k)), _pull_per_length(state, tension)), own),
         damper=damper,
         string_damper=strings,
         # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
-        body_damper=0.5 * strings if joints is not None else assemble(dampers, slowing, between=False),
+        body_damper=0.5 * strings if state.joints is not None else assemble(dampers, slowing, between=False),
         acceleration=acceleration,
         bars=bars,
-        joints=joints,
     )
 
 
-def _pull_per_length(paths: Paths, tension: Array, segments: Members) -> Array:
-    return np.asarray(tension[paths.strings] / np.where(segments.lengths > 0, segments.lengths, 1.0))
+def _pull_per_length(state: State, tension: Array) -> Array:
+    lengths = state.segments.lengths
+    return np.asarray(tension[state.scene.structure.paths.strings] / np.where(lengths > 0, lengths, 1.0))

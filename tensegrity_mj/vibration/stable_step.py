@@ -211,7 +211,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
         limit, y = limit_of(model, scheme, stepping.constraints)
     motion = model.motion(y)
     largest = np.abs(motion).max(initial=0.0)
-    kinetic = np.sum(y.reshape(-1, model.bodies.slots) ** 2, axis=1)
+    kinetic = np.sum(y.reshape(-1, model.state.bodies.slots) ** 2, axis=1)
     body, body_share = _leader(kinetic)
     names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
     names += [body.name for body in structure.bodies if not body.held]
@@ -221,7 +221,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
         scheme=scheme,
         omega=largest_frequency(model),
         time=float(time),
-        nodes=np.array(model.nodes),
+        nodes=np.array(model.state.nodes),
         motion=motion / largest if largest > 0 else motion,
         rod="" if body is None else names[body],
         rod_share=body_share,
@@ -245,7 +245,7 @@ def _string_energies(model: Vibration, y: Array, limit: float) -> Array:
     moved = model.motion(y)
     paths = model.scene.structure.paths
     apart = paths.spans(moved)
-    along = np.sum(model.segments.directions * apart, axis=1)
+    along = np.sum(model.state.segments.directions * apart, axis=1)
     across = np.sum(apart * apart, axis=1) - along**2
     turned = paths.total(model.pull_per_length * np.maximum(across, 0.0))
     damped = 2 * model.damping / limit if 0 < limit < math.inf else 0.0

@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import Members, members_at
+from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.vibration.blocks import Blocks, is_dense
+from tensegrity_mj.vibration.blocks import Assembly, Blocks, is_dense
 from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, nodal_blocks, viscous_blocks
@@ -69,6 +69,11 @@ class State:
         for node, body in enumerate(bodies.body):
             linear[:, body] += held[:, node] @ motion.turned[node]
         return Joints(pairs, np.array(maps), B, is_dense(B), linear[:, :B].reshape(len(held), bodies.slots * B))
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """What makes matrices of sums over segments and bodies."""
+        return Assembly(self.scene.structure, self.bodies, self.motion.turned, self.joints)
 
     def bars(self) -> tuple[Blocks, Blocks]:
         """Stiffness and dampers of elastic rods along themselves."""

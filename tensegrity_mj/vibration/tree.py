@@ -54,7 +54,7 @@ class TreeModel:
 
 def has_tree_model(model: Vibration) -> bool:
     """Whether the model is one of trees of rods, and small enough: no loops, no supports that are driven, no bodies."""
-    if model.joints is None or not model.is_dense or model.scene.motions or model.scene.contact is not None:
+    if model.state.joints is None or not model.is_dense or model.scene.motions or model.scene.contact is not None:
         return False
     structure = model.scene.structure
     return not (structure.elastic.any() or structure.bodies or spanning_forest(structure).closures)
@@ -62,62 +62,44 @@ def has_tree_model(model: Vibration) -> bool:
 
 def tree_model(model: Vibration) -> TreeModel:
     """The matrices in the rates of the tree; see `has_tree_model`."""
-    structure, bodies = model.scene.structure, model.bodies
+    structure, bodies = model.scene.structure, model.state.bodies
     forest = spanning_forest(structure)
     R, B = len(structure.rods), len(bodies.mass)
-    nodes = model.nodes
-    # Rates in sequence: (body, its translation, and its axis and the point that it turns about).
-    owner: list[int] = []
-    slides: list[Array] = []
-    turns: list[Array] = []
-    for rod in range(R):
-        support = structure.rods[rod].support
-        if forest.parent[rod] < 0:
-            for axis in support.translation_basis.T:
-                owner.append(rod)
-                slides.append(axis)
-                turns.append(np.zeros(3))
-        axes = np.eye(3) if support.plane is None else bodies.planes[rod : rod + 1]
-        for axis in axes:
-            owner.append(rod)
-            slides.append(np.zeros(3))
-            turns.append(axis)
-    for point in range(R, B):
-        for axis in structure.lone_masses[point - R].translation_basis.T:
-            owner.append(point)
-            slides.append(axis)
-            turns.append(np.zeros(3))
-    count = len(owner)
-    above = np.zeros((B, B), bool)  # whether the second is the first, or hangs on it
-    for rod in forest.order:
-        above[:, rod] = above[:, forest.parent[rod]] if forest.parent[rod] >= 0 else False
-        above[rod, rod] = True
-    above[range(R, B), range(R, B)] = True
+    nodes = model.state.nodes
+    # Rates in sequence: a body, its translation, and its axis of rotation.
+    rates: list[tuple[int, Array, Array]] = []
+    none = np.zeros(3)
+    for number, rod in enumerate(structure.rods):
+        if forest.parent[number] < 0:
+            rates += [(number, axis, none) for axis in rod.support.translation_basis.T]
+        axes = np.eye(3) if rod.support.plane is None else bodies.planes[number : number + 1]
+        rates += [(number, none, axis) for axis in axes]
+    for number, point in enumerate(structure.lone_masses, R):
+        rates += [(number, axis, none) for axis in point.translation_basis.T]
+    owner, count = [body for body, _, _ in rates], len(rates)
+    above = np.eye(B, dtype=bool)  # whether the second is the first, or hangs on it
+    for child in forest.order:
+        if forest.parent[child] >= 0:
+            above[:, child] |= above[:, forest.parent[child]]
 
-    pivot = np.zeros((B, 3))
-    for rod, (i, j) in enumerate(structure.rod_nodes):
-        sigma = bodies.sigma[rod]
-        held = (1 - sigma) * nodes[i] + sigma * nodes[j]
-        pivot[rod] = held if forest.parent[rod] < 0 else nodes[forest.hinge[rod]]
+    first, second = (nodes[rows] for rows in structure.rod_nodes.T)
+    sigma, pivot = bodies.sigma[:, None], np.zeros((B, 3))
+    hinges = nodes[np.maximum(forest.hinge, 0)]
+    pivot[:R] = np.where(np.array(forest.parent)[:, None] < 0, (1 - sigma) * first + sigma * second, hinges)
     motion = motion_of_bodies(bodies, nodes)
+    spatial = ~np.any(bodies.planes != 0, axis=1)
     Y = np.zeros((B, SLOTS, count))
     spin = np.zeros((R, count))
-    for k in range(count):
-        moved = above[owner[k]]
-        for body in np.flatnonzero(moved).tolist():
-            if body >= R:
-                plain = np.concatenate([bodies.E[body].T @ slides[k], np.zeros(2)])
-            else:
-                i, j = structure.rod_nodes[body]
-                ends = [slides[k] + np.cross(turns[k], nodes[row] - pivot[owner[k]]) for row in (i, j)]
-                sigma = bodies.sigma[body]
-                middle = (1 - sigma) * ends[0] + sigma * ends[1]
-                plain = np.concatenate(
-                    [bodies.E[body].T @ middle, motion.T[body].T @ (ends[1] - ends[0]) / bodies.length[body]]
-                )
-                if structure.rods[body].support.plane is None:
-                    spin[body, k] = turns[k] @ motion.b[body]
-            Y[body, :, k] = np.linalg.solve(motion.inverse[body], plain)
+    for k, (body, slide, turn) in enumerate(rates):
+        tail, head = (slide + np.cross(turn, end - pivot[body]) for end in (first, second))
+        moved = np.tile(slide, (B, 1))
+        moved[:R] = (1 - sigma) * tail + sigma * head
+        plain = np.zeros((B, SLOTS))
+        plain[:, :3] = np.einsum("bxz,bx->bz", bodies.E, moved)
+        plain[:R, 3:] = np.einsum("rxt,rx->rt", motion.T[:R], head - tail) / bodies.length[:, None]
+        found = np.linalg.solve(motion.inverse, plain[:, :, None])[:, :, 0]
+        Y[:, :, k] = np.where(above[body][:, None], found, 0.0)
+        spin[:, k] = np.where(above[body, :R] & spatial, motion.b @ turn, 0.0)
     flat = Y.reshape(B * SLOTS, count)
     own, lumps = AXIAL_INERTIA * own_masses(structure), AXIAL_INERTIA * structure.rod_lumps
     _, axial = centers_and_moments(own, structure.rod_lengths, lumps)

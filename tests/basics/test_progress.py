@@ -1,4 +1,4 @@
-"""Bars show on a terminal and in a notebook, and where neither is there is not even a library for them."""
+"""Bars show on a terminal and in a notebook; elsewhere there is not even a library for them, but lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tensegrity_mj.basics.progress import NoBar, bar
+from tensegrity_mj.basics.progress import Lines, NoBar, bar
 
 # A kernel of Jupyter is where a shell has this application; its stderr is no terminal.
 RUN = """
@@ -41,3 +41,15 @@ def test_a_bar_that_shows_nothing_takes_what_a_bar_does() -> None:
         silent.refresh()
         silent.close()
     assert isinstance(silent, NoBar)
+
+
+def test_without_a_terminal_lines_become_fewer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    """A unit a second: a line when 30 s and a tenth of all time have gone by since the last, e - e0 >= 30 + e/10."""
+    clock = iter(float(second) for second in range(1000))
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    with bar(True, "all of them", total=200) as lines:
+        for _ in range(160):
+            lines.update()
+    assert isinstance(lines, Lines)
+    printed = capsys.readouterr().err.splitlines()
+    assert printed == [f"all of them: {at / 2:.0f} % after {at} s" for at in (34, 72, 114, 160)]

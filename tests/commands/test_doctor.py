@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from tensegrity_mj.commands import doctor
 from tensegrity_mj.commands.doctor import (
@@ -38,14 +39,14 @@ def test_every_failure_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_missing_package_and_an_old_one_are_distinguished() -> None:
-    missing = check_package("no-such-package-of-ours", ">=1")
+    missing = check_package(Requirement("no-such-package-of-ours>=1"))
     assert not missing.works
     assert missing.found == "not installed"
     assert 'install "no-such-package-of-ours>=1"' in missing.remedy
-    old = check_package("numpy", ">=999")
+    old = check_package(Requirement("numpy>=999"))
     assert not old.works
     assert "needed: >=999" in old.found
-    assert check_package("numpy", ">=1").works
+    assert check_package(Requirement("numpy>=1")).works
 
 
 def test_opengl_that_is_switched_off_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,8 @@ def test_v_decays_at_the_promised_rate(seed, path):
     forces = rods.string_forces(structure, scene.nodes0, u * structure.string_lengths(scene.nodes0))
     acceleration, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
     g = np.array(scene.gravity)
-    accelerations(Members(records.rods, records.points, g), q, rates, forces, acceleration, multipliers)
+    members = Members(records.rods, records.points, g, forces, multipliers)
+    accelerations(members, q, rates, acceleration)
 
     def value(s):
         nodes, velocities = np.array(structure.positions), np.zeros_like(structure.positions)

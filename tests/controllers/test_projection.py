@@ -91,7 +91,8 @@ def test_the_rate_of_v_is_beta_minus_f_u(seed, mode, path):
     forces = rods.string_forces(structure, start, u * structure.string_lengths(start))
     acceleration, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
     g = np.array(scene.gravity)
-    accelerations(Members(records.rods, records.points, g), q, rates, forces, acceleration, multipliers)
+    members = Members(records.rods, records.points, g, forces, multipliers)
+    accelerations(members, q, rates, acceleration)
 
     def value(s):
         # To second order the motion itself, which is all that a first derivative of V(q, q̇) sees.

@@ -303,9 +303,8 @@ def test_the_strings_own_limits_count() -> None:
         ({"minimum_force_density": 2.0, "maximum_force_density": [3.0, 1.0]}, "string 's2'"),
         ({"sums": [1.2]}, "sums[0]"),
         ({"sums": [Sum(1.0, ("s9",))]}, "unknown string 's9'"),
-        ({"sums": [Sum(np.inf)]}, "sums[0]: minimum"),
         ({"linear": [1.0, -1.0]}, "'s2'"),
-        ({"on_infeasible": "stop"}, "WhenInfeasible.STOP"),
+        ({"on_infeasible": "stopp"}, "WhenInfeasible.STOP"),
     ],
 )
 def test_options_that_are_refused(options: dict[str, Any], part: str) -> None:
@@ -339,15 +338,20 @@ def test_what_an_allocator_cannot_be_given() -> None:
     structure = tmj.load_scene("cross").structure
     rows = [Equation("lift", "N")]
     for arguments, words in (
-        ((Allocation(sums=3), structure, rows), "sums = 3"),  # type: ignore[arg-type]
-        ((Allocation(sums=(Sum(1.0, "left"),)), structure, rows), "strings = 'left'"),  # type: ignore[arg-type]
-        ((Allocation(respect_limits="no"), structure, rows), "respect_limits"),  # type: ignore[arg-type]
         ((Allocation(weight=1j * np.eye(4)), structure, rows), "weight"),
         ((Allocation(), "cross", rows), "structure = 'cross'"),
         ((Allocation(), structure, 1), "equations = 1"),
     ):
         with pytest.raises(OptionError, match=words):
             Allocator(*arguments)  # type: ignore[arg-type]
+    for make, words in (
+        (lambda: Allocation(sums=3), "sums = 3"),  # type: ignore[arg-type]
+        (lambda: Sum(np.inf), "sum: minimum = inf"),
+        (lambda: Sum(1.0, "left"), "strings = 'left'"),  # type: ignore[arg-type]
+        (lambda: Allocation(respect_limits="no"), "respect_limits"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(OptionError, match=words):
+            make()
     allocator = Allocator(Allocation(), structure, rows)
     A, d = np.ones((1, 4)), np.ones(1)
     for bad_A, bad_d in ((A[:, :3], d), (A, np.ones(2)), (np.ones((3, 4)), np.ones(3)), ("rows", d)):

@@ -414,7 +414,7 @@ def test_what_is_no_action_is_refused() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"action": "rest length"}, "action = .*Command.REST_LENGTH"),
+        ({"action": "rest lengths"}, "action = .*Command.REST_LENGTH"),
         ({"control_timestep": 0.0105, "timestep": 1e-3}, "control_timestep over timestep.*0.01 s or 0.011 s"),
         ({"timestep": -1e-3}, "timestep"),
         ({"time_limit": 0.015}, "time_limit over control_timestep"),

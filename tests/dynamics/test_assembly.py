@@ -22,10 +22,10 @@ TOLERANCE = 1e-10
 def answers(scene, solver):
     """Node accelerations at the start, and λ."""
     engine = DAE(solver=solver)
-    run, _ = engine._prepared(request(scene))
+    run = engine.prepared(request(scene))
     run.rates_at(0.0, run.y, None)
     _, found = engine.accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
-    return found, run.equations.multipliers[: len(scene.structure.rods)].copy()
+    return found, run.multipliers[: len(scene.structure.rods)].copy()
 
 
 def spread(one, other):
@@ -128,7 +128,7 @@ def test_projection_closes_all_constraints_without_impulse(seed):
 def test_a_loop_in_a_plane_keeps_the_rows_that_it_needs(plane):
     """Three rods in a plane between two pins: of 9 rows of joints and 6 of pins, those across the plane come thrice."""
     scene = four_bar(plane)
-    _, records = DAE(solver=GENERAL)._prepared(request(scene))
+    records = DAE(solver=GENERAL).prepared(request(scene)).records
     # In space 6 of pins and 6 of joints; in the plane 4 and 4, and the plane holds both vectors of three rods.
     assert len(records.table["rows"]) == (4 + 4 + 6 if plane else 12)
     assert records.table["redundant"] == 0

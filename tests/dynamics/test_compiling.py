@@ -24,13 +24,12 @@ FILES = {
 from callee import twice
 import numbers_of
 from tensegrity_mj.dynamics.native.compiling import c_function, compiled, njit
-from numba import types
 
 @njit
 def answer(x, table):
     return twice(x) + numbers_of.PLAIN + table[0].second
 
-@c_function(types.float64(types.float64))
+@c_function("float64(float64)")
 def by_address(x):
     return twice(x)
 """,
@@ -62,7 +61,8 @@ from caller import answer, by_address
 from numbers_of import RECORD
 table = np.zeros(1, RECORD)
 table["second"] = 0.5
-print(answer(1.0, table), by_address.ctypes(1.0), sum(answer.stats.cache_hits.values()), by_address.cache_hits)
+first, second = answer(1.0, table), by_address.ctypes(1.0)
+print(first, second, sum(answer.dispatcher.stats.cache_hits.values()), by_address.cache_hits)
 """,
 }
 

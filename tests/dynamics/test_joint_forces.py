@@ -32,7 +32,8 @@ def on_manifold(structure, seed, **options):
 
 def rates_of(scene, solver, shift=0.0, drift=Drift.MONITOR, time=0.0):
     """Node accelerations and λ of a solver at the scene's start, or beside it by a random `shift` of z, b and rates."""
-    run, records = DAE(solver=solver, drift=drift)._prepared(request(scene))
+    run = DAE(solver=solver, drift=drift).prepared(request(scene))
+    records = run.records
     usual = LinkedRecords.of(scene.structure, scene.motions)
     q, rates = usual.state(scene.nodes0, scene.velocities0)
     noise = shift * np.random.default_rng(9).normal(size=2 * usual.nq)
@@ -41,7 +42,7 @@ def rates_of(scene, solver, shift=0.0, drift=Drift.MONITOR, time=0.0):
     nq, nodes, velocities = records.nq, *usual.place(q + noise[: usual.nq], rates + noise[usual.nq :])
     run.y[:nq], run.y[nq : 2 * nq] = records.state(nodes, velocities)
     found = records.node_accelerations(run.rates_at(time, run.y, None)[nq : 2 * nq])
-    return found, run.equations.multipliers[: len(records.rods)].copy()
+    return found, run.multipliers[: len(records.rods)].copy()
 
 
 def spread(a, b):
@@ -77,9 +78,9 @@ def test_three_solvers_agree_on_random_trees_off_the_manifold(seed, planar):
     plan = plan_joints(records)
     joints, multipliers = rates_of(scene, Solver.JOINTS, 0.1, Drift.BAUMGARTE)
     # In space every joint is needed, so that none may be taken for redundant; a plane leaves one direction of each.
-    run, _ = DAE(drift=Drift.BAUMGARTE)._prepared(request(scene))
+    run = DAE(drift=Drift.BAUMGARTE).prepared(request(scene))
     run.rates_at(0.0, run.y, None)
-    skipped = int(np.sum(run.equations.keep[1]["pivots"] == 0))
+    skipped = int(np.sum(run.plant.arrays["joints"]["pivots"] == 0))
     held = sum(len(rod.support.directions) > 0 for rod in structure.rods)
     assert len(plan["joints"]) == 7
     if held <= 1:
@@ -257,11 +258,11 @@ def test_masses_too_far_apart_for_forces_of_joints_are_refused_in_words():
 
 
 def test_a_braced_square_has_joints_that_others_satisfy_already():
-    run, _ = DAE()._prepared(request(tmj.Scene(braced_square((0.0, 1.0, 0.0)), gravity=GRAVITY)))
+    run = DAE().prepared(request(tmj.Scene(braced_square((0.0, 1.0, 0.0)), gravity=GRAVITY)))
     run.rates_at(0.0, run.y, None)
     # Eight joints are 24 rows. Six rods of constant length have 18 freedoms in their plane, the square has 3, so that
     # 15 rows are needed: of the others, 8 are across the plane and one is the rod too many.
-    assert np.sum(run.equations.keep[1]["pivots"] == 0) == 24 - 15
+    assert np.sum(run.plant.arrays["joints"]["pivots"] == 0) == 24 - 15
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tensegrity_mj.dynamics.native.compiling import njit
-from tensegrity_mj.dynamics.native.views import Fields, Table, changing_view, view_of
+from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of, view_of
 
-Fixed, pack_fixed = view_of("TestFixed", count="size", steps="state", factor="real", rows=("f8", "count", 2))
-FIELDS: Fields = (("count", "size"), ("steps", "state"), ("factor", "real"), ("rows", ("f8", "count", 2)))
+Fixed, pack_fixed = view_of("TestFixed", steps="state", factor="real", rows=("f8", "count", 2))
+FIELDS = fields_of(steps="state", factor="real", rows=("f8", "count", 2))
 Changing = changing_view("TestChanging", FIELDS)
 
 
@@ -65,6 +65,22 @@ def test_sizes_are_those_of_the_arrays_unless_given_and_then_must_agree() -> Non
         pack_fixed(count=3, steps=0, factor=1.5, rows=np.arange(8).reshape(4, 2))
     with pytest.raises(AssertionError, match="given"):
         pack_fixed(steps=0, rows=np.arange(8).reshape(4, 2))
+
+
+def test_a_size_stands_in_front_of_its_first_array_and_fields_behind_others_leave_these_where_they_are() -> None:
+    more = fields_of(FIELDS, other="size", places=("f8", "node_count", "count"), of=("i8", "node_count"))
+    assert [name for name, _ in FIELDS] == ["steps", "factor", "count", "rows"]
+    assert more[:4] == FIELDS
+    assert [name for name, _ in more[4:]] == ["other", "node_count", "places", "of"]
+
+
+def test_an_address_may_be_given_as_what_is_there() -> None:
+    made, within, numbers = Table("test", fields_of(table="size", room="state")), table(), np.arange(3.0)
+    made.set(table=within, room=numbers)
+    assert made["table"] == within.address
+    assert made["room"] == numbers.ctypes.data
+    assert made.arrays["table"] is within  # kept alive
+    assert made.arrays["room"] is numbers
 
 
 def test_an_array_of_a_changing_view_is_found_where_it_was_put_last() -> None:

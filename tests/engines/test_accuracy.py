@@ -238,13 +238,13 @@ def test_every_run_records_multiples_of_the_unit() -> None:
     steps = Steps.of(request, math.inf)
     assert steps.unit == pytest.approx(0.1)
     for wanted in (0.1, 0.04, 0.013, 0.0031, 1e-4):
-        k = steps.divisions(wanted)
-        assert steps.step(k) <= wanted * (1 + 1e-9)
-        interval = steps.recorded_each(k)
+        step = steps.fit(wanted)
+        assert step <= wanted * (1 + 1e-9)
+        interval = steps.recorded_each(step)
         assert abs(steps.unit / interval - round(steps.unit / interval)) < 1e-9
-        assert abs(interval / steps.step(k) - round(interval / steps.step(k))) < 1e-9
-        assert interval <= max(0.01, steps.step(k)) * (1 + 1e-9)
-        coarser = steps.recorded_each(max(1, k // 2))
+        assert abs(interval / step - round(interval / step)) < 1e-9
+        assert interval <= max(0.01, step) * (1 + 1e-9)
+        coarser = steps.recorded_each(min(2 * step, steps.unit))
         assert abs(coarser / interval - round(coarser / interval)) < 1e-9
 
 

@@ -13,15 +13,19 @@ from analytic_runs import cone_run
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.accuracy.ladder import STRIKES, Ladder, Rung
-from tensegrity_mj.engines.accuracy.search import MOST_EVALUATIONS, Way, find
+from tensegrity_mj.engines.accuracy.search import MOST_EVALUATIONS, find
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 TIMES = np.linspace(0.0, 2.0, 21)
 PLAIN = 80.0  # evaluations of a run with the first step
 
 
+def no_run(setting: float) -> Trajectory:
+    raise AssertionError("runs are given")
+
+
 def ladder(**changes: Any) -> Ladder:
-    return Ladder("rk4", 4, 0.1, 1.0, PLAIN, lambda step: step, floor=1e-14, least=1e-9, **changes)
+    return Ladder("rk4", no_run, 4, 0.1, 1.0, PLAIN, lambda step: step, floor=1e-14, least=1e-9, **changes)
 
 
 def off_by(error: float, *, until: int | None = None) -> Trajectory:
@@ -49,7 +53,7 @@ def test_each_run_has_half_the_step_and_twice_the_cost_of_the_one_before() -> No
 
 
 def test_tolerances_fall_by_thirty() -> None:
-    one = Ladder("dop853", 0, 1e-3, 1 / 8, PLAIN, lambda rtol: rtol, floor=1e-14, least=1e-13)
+    one = Ladder("dop853", no_run, 0, 1e-3, 1 / 8, PLAIN, lambda rtol: rtol, floor=1e-14, least=1e-13)
     one.add(Rung(1e-3, off_by(1e-3), 100.0))
     assert one.next() == pytest.approx((1e-3 / 30, 100 * 30 ** (1 / 8)))
     one.add(Rung(1e-3 / 30, off_by(1e-5), 150.0))
@@ -93,17 +97,16 @@ def test_runs_that_stop_early_do_not_end_the_search() -> None:
 def test_a_tighter_request_makes_the_runs_of_a_looser_one_and_more() -> None:
     """Two methods, errors C h^p; whatever is requested, the sequence of runs is one, and requests only end it."""
 
-    def way(name: str, order: int, cost: float, scale: float) -> Way:
+    def climbing(name: str, order: int, cost: float, scale: float) -> Ladder:
         def run(step: float) -> Trajectory:
             return made(off_by(scale * step**order), cost / step)
 
-        one = Ladder(name, order, 0.1, 1.0, 10 * cost, lambda step: step, floor=1e-14, least=1e-9)
-        return Way(one, run, lambda step: {"timestep": step})
+        return Ladder(name, run, order, 0.1, 1.0, 10 * cost, lambda step: step, floor=1e-14, least=1e-9)
 
     request: Any = SimpleNamespace(duration=1.0)
     sequences = []
     for accuracy in (1e-2, 1e-3, 1e-5, 1e-7, 1e-9):
-        found = find(accuracy, [way("rk4", 4, 4.0, 10.0), way("euler", 1, 1.0, 0.1)], request)
+        found = find(accuracy, [climbing("rk4", 4, 4.0, 10.0), climbing("euler", 1, 1.0, 0.1)], request)
         report = found.reports["accuracy"]
         assert report["met"]
         sequences.append([(one["method"], one["timestep"]) for one in report["tried"]])
@@ -115,17 +118,16 @@ def test_a_tighter_request_makes_the_runs_of_a_looser_one_and_more() -> None:
 
 
 def test_what_would_take_too_many_evaluations_is_refused_or_reported() -> None:
-    def way(per_step: float, error: float) -> Way:
+    def climbing(per_step: float, error: float) -> Ladder:
         def run(step: float) -> Trajectory:
             return made(off_by(error * step), per_step / step)
 
-        one = Ladder("euler", 1, 0.1, 1.0, 10 * per_step, lambda step: step, floor=1e-14, least=1e-9)
-        return Way(one, run, lambda step: {"timestep": step})
+        return Ladder("euler", run, 1, 0.1, 1.0, 10 * per_step, lambda step: step, floor=1e-14, least=1e-9)
 
     request: Any = SimpleNamespace(duration=1.0)
     with pytest.raises(tmj.errors.OptionError, match="shorten the run"):
-        find(1e-3, [way(MOST_EVALUATIONS, 1.0)], request)
-    found = find(1e-8, [way(MOST_EVALUATIONS / 100, 1.0)], request)
+        find(1e-3, [climbing(MOST_EVALUATIONS, 1.0)], request)
+    found = find(1e-8, [climbing(MOST_EVALUATIONS / 100, 1.0)], request)
     assert not found.reports["accuracy"]["met"]
     assert "evaluations that are allowed" in found.reports["accuracy"]["reason"]
     assert found.reports["accuracy"]["total_cost"]["evaluations"] <= MOST_EVALUATIONS

@@ -152,7 +152,8 @@ def test_reports_say_how_far_loops_have_opened_and_normalizing_closes_them():
     gaps = {}
     for drift in Drift:
         engine = DAE(method=Method.RK4, timestep=1e-3, drift=drift, baumgarte_frequency=20.0)
-        run, records = engine._prepared(request(scene))
+        run = engine.prepared(request(scene))
+        records = run.records
         records.place(run.y[: records.nq], np.zeros(records.nq))
         run.y[: records.nq] += 1e-4 * np.array([0.3, 0.0, 0.5, -0.2, 0.0, 0.7, 0.1, 0.0, 0.4])
         records.place(run.y[: records.nq], np.zeros(records.nq))

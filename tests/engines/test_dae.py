@@ -50,7 +50,7 @@ def test_accelerations_and_multipliers_equal_the_dense_saddle_point_system(seed,
     q, rates = records.coordinates(scene.nodes0), records.coordinates(scene.velocities0)
     forces, gravity = rng.normal(size=(len(structure.nodes), 3)), rng.normal(size=3)
     out, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
-    accelerations(Members(records.rods, records.points, gravity), q, rates, forces, out, multipliers)
+    accelerations(Members(records.rods, records.points, gravity, forces, multipliers), q, rates, out)
     expected, expected_multipliers = saddle_point(records, q, rates, forces, gravity)
     # Round-off: the dense system's condition number is below 1e4 for rods of about 1 kg and 1 m, times 1e-16, times
     # a margin of 100 for the sums.
@@ -116,7 +116,7 @@ def test_baumgarte_s_gains_are_those_of_its_options(damping):
         baumgarte_frequency=omega,
         baumgarte_damping=damping,
     )
-    run, _ = engine._prepared(natural.request(scene))
+    run = engine.prepared(natural.request(scene))
     run.y[3:6] *= 1 + off  # b of the one rod, after its centre
     made = integrate(run)
     spans = made.nodes[:, 1] - made.nodes[:, 0]

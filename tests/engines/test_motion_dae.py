@@ -157,7 +157,7 @@ def test_accelerations_with_moved_rods_and_nodes_are_those_of_node_coordinates(s
     assert np.abs(placed - nodes).max() <= 1e-14
     assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
     # The power of all supports is what gravity and strings do not give the kinetic and the elastic energy.
-    run, _ = engine._prepared(request(scene))
+    run = engine.prepared(request(scene))
     power = run.rates_at(0.0, run.y, None)[-1]
     ahead, behind = (rods.kinetic_energy(structure, velocities + sign * found) for sign in (1, -1))
     gained = 0.5 * (ahead - behind)

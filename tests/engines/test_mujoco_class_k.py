@@ -26,10 +26,10 @@ from nodal import solve
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.accelerations import NodeAccelerations
+from tensegrity_mj.engines.mujoco.accelerations import node_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
-from tensegrity_mj.engines.mujoco.prepared import prepared_with
+from tensegrity_mj.engines.mujoco.prepared import prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.errors import SceneError, StructureError
 from tensegrity_mj.model import rods
@@ -73,7 +73,7 @@ def places_and_speeds(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) 
 
 def accelerations(scene: Scene) -> Array:
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, None, False)
-    return NodeAccelerations(MuJoCoRun(tmj.MuJoCo(), request))(0.0, scene.nodes0, scene.velocities0)[1]
+    return node_accelerations(MuJoCoRun(tmj.MuJoCo(), request))(0.0, scene.nodes0, scene.velocities0)[1]
 
 
 # Trees ---------------------------------------------------------------------------------------------------
@@ -397,7 +397,7 @@ def with_constraint(scene: Scene, h: float, time_constant: float, softness: floa
     model.eq_solref[:, 0] = time_constant
     model.eq_solimp[:, :2] = 1 - softness
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, 0.01, False)
-    return MuJoCoRun(options, request, prepared_with(model, request.scene)).run()
+    return MuJoCoRun(options, request, within(prepared_with(model, request.scene))).run()
 
 
 def off(run: tmj.Trajectory, other: tmj.Trajectory) -> float:

@@ -71,7 +71,8 @@ def test_inertia_and_forces_have_the_same_power_in_every_virtual_motion(seed: in
     q, rates = records.state(scene.nodes0, scene.velocities0)
     forces, gravity = rng.normal(size=scene.nodes0.shape), rng.normal(size=3)
     expected, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
-    minimal_accelerations(Members(records.rods, records.points, gravity), q, rates, forces, expected, multipliers)
+    members = Members(records.rods, records.points, gravity, forces, multipliers)
+    minimal_accelerations(members, q, rates, expected)
 
     def placed(at: Array, along: Array) -> tuple[Array, Array]:
         nodes, velocities = np.array(scene.nodes0), np.zeros_like(scene.nodes0)

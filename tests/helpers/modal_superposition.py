@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from hanging_chain import HangingChain
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.library.cable import Start
-from tensegrity_mj.studies.cable.chain import HangingChain
 
 
 def response(

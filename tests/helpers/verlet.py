@@ -35,7 +35,7 @@ class Verlet:
         "Verlet",
         "verlet:Verlet",
         limits=tuple(
-            Limit(Trait(what, find), "it moves point masses on strings alone", f"leave {what} out")
+            Limit(Trait(find), "it moves point masses on strings alone", f"leave {what} out")
             for what, find in {
                 "rods": lambda scene: "the structure has rods" if scene.structure.rods else "",
                 "breaks": BREAKS.find,

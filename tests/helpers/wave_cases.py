@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import tensegrity_mj as tmj
+from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES
-from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import scene_of
 
 Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `tower_wave_tasks`
 CASES = STUDIES["waves"].points
@@ -51,7 +51,7 @@ def point(tower: Tower) -> dict[str, Any]:
 
 def agreement(tower: Tower, steps: Sequence[float], rtol: float) -> list[float]:
     """How far MuJoCo's nodes [m] are from those of the DAE with error control, for each of these steps [s]."""
-    scene = scene_of(dict(tower))
+    scene = tower_in_waves(**tower)
     kept = {"duration": DURATION, "output_interval": max(steps)}
     reference = tmj.simulate(scene, None, tmj.DAE(rtol=rtol, atol=1e-2 * rtol), **kept)
     runs = (tmj.simulate(scene, None, engine_of("mujoco", step), **kept) for step in steps)

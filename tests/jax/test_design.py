@@ -15,7 +15,6 @@ import tensegrity_mj as tmj
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from tensegrity_mj.engines.jax.optimum import least  # noqa: E402
 from tensegrity_mj.engines.jax.small_motions import frequency_squares  # noqa: E402
 
 EPS = np.finfo(float).eps
@@ -63,12 +62,14 @@ def test_equal_frequencies_have_derivatives_where_they_stay_equal() -> None:
         np.testing.assert_allclose(derive(squares)(2.0), [0.5, 0.5, 12.0], rtol=0, atol=50 * EPS * 12)
 
 
-def test_an_optimum_at_an_equation_a_limit_and_a_bound() -> None:
+def test_an_optimum_at_an_equation_a_limit_and_a_bound(example: Callable[[str], ModuleType]) -> None:
     """The point of x + y + z = 2, x >= 0.9 and z <= 0.4 that is nearest to zero is (0.9, 0.7, 0.4).
 
     z alone would be 0.55. A kept first entry leaves (1.1, 0.5, 0.4); its multiplier at the limit is zero. SLSQP's last
     step gains less than 1e-13 of the cost, which is quadratic: y is as near as the root of that.
     """
+
+    least = example("optimum").least
 
     def functions(y: Any, total: Any) -> Any:
         return (y**2).sum(), y.sum()[None] - total, y[:1] - 0.9
@@ -120,7 +121,7 @@ def test_gradients_find_the_least_mass_of_linear_programs(alike: bool, example: 
         least_force_density=tower.SLACKEST,
         tolerance=1e-9,
     )
-    found = least(tower.functions(alike, False), *tower.start(alike), arguments=(0.0, 1.0), kept=8)
+    found = tower.least(tower.functions(alike, False), *tower.start(alike), arguments=(0.0, 1.0), kept=8)
     assert found.converged
     assert max(found.residual, found.violation) < 1e-9
     assert abs(found.cost - proven.mass) < 2e-9 * proven.mass
@@ -138,8 +139,8 @@ def test_the_designed_tower_bears_what_it_must(example: Callable[[str], ModuleTy
     tower = example("design_tower")
     y, bounds = tower.start()
     wind, hertz = 100.0, 8.0
-    by_hand = least(tower.functions(), y, bounds, arguments=(wind, hertz), kept=8)
-    found = least(tower.functions(), by_hand.y, bounds, arguments=(wind, hertz))
+    by_hand = tower.least(tower.functions(), y, bounds, arguments=(wind, hertz), kept=8)
+    found = tower.least(tower.functions(), by_hand.y, bounds, arguments=(wind, hertz))
     assert by_hand.converged
     assert found.converged
     assert found.violation < 1e-9

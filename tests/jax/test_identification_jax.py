@@ -21,7 +21,7 @@ from tensegrity_mj.runs import Table
 from tensegrity_mj.studies import FitOptions, identify, measured
 from tensegrity_mj.studies.identification.fitting import Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.predictions import Differences, Experiment
+from tensegrity_mj.studies.identification.predictions import predictions_of
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Array = np.ndarray
@@ -86,18 +86,17 @@ def test_derivatives_are_those_of_differences_and_intervals_cover_the_truth() ->
         scene.structure, [measured(run, nodes=1e-3), measured(run, ["s7"], tensions=0.1, lengths=1e-3)]
     )
     by_jax, by_dae = (
-        Experiment(unknowns, clean, engine).predictions for engine in (tmj.JAX(), tmj.DAE(rtol=1e-12, atol=1e-14))
+        predictions_of(unknowns, clean, engine) for engine in (tmj.JAX(), tmj.DAE(rtol=1e-12, atol=1e-14))
     )
     values = unknowns.start
     # Both engines are within 1e-9 of the exact run.
     assert by_jax.predict(values) == pytest.approx(by_dae.predict(values), abs=1e-8)
     ours, theirs = (one.jacobian(values) * unknowns.sizes for one in (by_jax, by_dae))
-    assert isinstance(by_dae, Differences)
     # Of differences of 1e-4 of a size the truncation is 1e-8/6 of a third derivative, (ω t)² = 10³ times the first.
     assert np.all(np.abs(ours - theirs).max(axis=0) < 1e-5 * np.abs(theirs).max(axis=0))
 
     seen = [noisy(run, seed) for seed in range(20)]
-    model = Experiment(unknowns, seen[0], tmj.JAX()).predictions
+    model = predictions_of(unknowns, seen[0], tmj.JAX())
     found = [fit(Problem(model, unknowns, one), FitOptions()) for one in seen]
     assert all(one["converged"] for one in found)
     check_coverage(found, truth)
@@ -125,7 +124,7 @@ def test_a_damped_string_that_comes_taut_is_reported() -> None:
     seen = Observation.of(scene.structure, measured(Table(times, ("bob",), np.zeros((2, 1, 3))), nodes=1.0))
     unknowns = Unknowns.of(scene, ["structure.strings.damping"])
     with pytest.warns(IdentificationWarning, match=r"'string' has a damper and comes taut: .* JAX\(window=2e-3\)"):
-        Experiment(unknowns, seen, tmj.JAX()).predictions.jacobian(unknowns.start)
+        predictions_of(unknowns, seen, tmj.JAX()).jacobian(unknowns.start)
 
 
 @pytest.mark.study
@@ -136,7 +135,7 @@ def test_all_36_parameters_of_a_prism_are_covered_in_200_draws_beside_mujocos_ow
     paths = [f"structure.strings[*].{name}" for name in ("stiffness", "damping", "rest_length")]
     first, truth = unknowns_of(scene, paths, 0)
     begun = time.perf_counter()
-    model = Experiment(first, noisy(run, 0), tmj.JAX()).predictions
+    model = predictions_of(first, noisy(run, 0), tmj.JAX())
     model.jacobian(first.start)
     compiled = time.perf_counter() - begun
     found = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,21 @@ def test_what_is_known_of():
     rows = list(zip(run.time, run.nodes, run.velocities, strict=True))[1:]  # not at rest at the target
     states = [(t, x, s * v) for t, x, v in rows for s in (-1.0, 1.0)]
     assert assert_agrees(law, states)
+
+
+def test_rods_through_the_surface_whose_added_mass_is_not_symmetric():
+    """Hermite's weights give a wet part's load to other ends than those by which it is moved."""
+    rng = np.random.default_rng(0)
+    structure = random_structure(rng, rods=3, strings=9, point_masses=1, own_planes=0.3)
+    nodes = {name: (x, y, z + 0.6) for name, (x, y, z) in structure.nodes.items()}
+    rods = tuple(replace(rod, radius=0.05) for rod in structure.rods)
+    structure = replace(structure, nodes=nodes, rods=rods)
+    scene = random_scene(rng, structure, displaced=0.3, moving=0.7, gravity=True)
+    target = random_law(rng, structure, scene.gravity, path=False).target
+    water = tmj.model.Water(weights="hermite")
+    law = Lyapunov(structure, target, gravity=(0.0, 0.0, -9.81), known=(water,), minimum_force_density=1.0)
+    assert 0.1 < np.mean(scene.nodes0[:, 2] > 0) < 0.9
+    assert assert_agrees(law, [(0.0, scene.nodes0, scene.velocities0)])
 
 
 def test_ceilings_of_the_state_and_strings_over_pulleys():
@@ -334,3 +350,19 @@ def test_what_is_no_array_law_is_refused():
     law = from_scene(tmj.load_scene("pinned_rod"))
     with pytest.raises(OptionError, match="other nodes or strings"):
         array_law(law, scene.structure)
+
+
+def test_structures_without_rods_have_laws() -> None:
+    """A point mass on four strings: no rod's equation, and the same command to round-off."""
+    nodes = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.3, 0.3, 0.3]]
+    numbers = {"rod_mass": 1.0, "stiffness": 100.0, "rest_length": 0.3}
+    structure = tmj.Structure.from_arrays(
+        nodes, [], [(n, 4) for n in range(4)], **numbers, fixed_nodes=range(4), point_masses={4: 1.0}
+    )
+    target = structure.positions.copy()
+    target[4] = [0.25, 0.25, 0.3]
+    law = Lyapunov(structure, target)
+    arrays = array_law(law, structure)
+    state = structure.positions, np.zeros((5, 3))
+    u = arrays.command(arrays.parameters, 0.0, *state)[0]
+    np.testing.assert_allclose(u, law(0.0, *state), rtol=64 * EPS * 4, atol=0)

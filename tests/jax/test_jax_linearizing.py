@@ -108,7 +108,7 @@ def held_rod():
     allocation = Allocation(np.linspace(1, 2, 24), 6.0, 28.0, sums)
     gravity = (0.0, 0.0, -9.81)
     known = (tmj.model.Load("m", (1.0, 0.5, -2.0)), tmj.model.Resistance(viscous=0.4, wind=(0.5, -0.2, 0.1)))
-    return structure, FeedbackLinearization(structure, target, 4.0, 0.8, allocation, gravity, known)
+    return structure, FeedbackLinearization(structure, target, 4.0, 0.8, allocation, gravity=gravity, known=known)
 
 
 def perturbed(structure, rng):

@@ -29,9 +29,10 @@ from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, STUDIES, BeamRun, wave_label
-from tensegrity_mj.thesis.catalog import FIGURES
+from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS
 from tensegrity_mj.thesis.experiments import EngineName
 from tensegrity_mj.thesis.ledger import Verdict
+from tensegrity_mj.thesis.lookup import measured
 from tensegrity_mj.thesis.reproduction import reproduce
 
 PRINTED, DOUBLED = "beam-waves", "beam-waves-doubled"
@@ -244,7 +245,7 @@ def test_both_engines_agree_in_a_high_wave() -> None:
 def test_amplitudes_are_half_of_the_swing_of_stages() -> None:
     """A made-up motion: stage s swings by (s + 1) cm along the waves and half of it upwards, about a mean of 0.3 m."""
     scene = held(0.1, segments=1)
-    omega = beam_wave_tasks.frequency_of(scene)
+    omega = float(sea_of(scene).frequency[0])
     time = np.arange(0.0, 90.0, 0.01)
     stage = np.repeat([0.01, 0.02, 0.03], 6)
     nodes = np.tile(scene.structure.positions, (len(time), 1, 1))
@@ -334,7 +335,8 @@ def test_rows_judge_what_the_sentences_say() -> None:
     assert measures_c.swings_grow(like_the_figure, (2.0, 4.0, 6.0))
     assert not measures_c.swings_grow(like_the_figure, (6.0, 4.0))
     assert [measures_c.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
-    assert measures_c.largest_swing(like_the_figure) == 6.0
+    (row,) = (one for one in STATEMENTS if one.id == "C.8-axis")
+    assert measured(row, {row.needs[0]: like_the_figure}) == 6.0
     made = BeamRun("", "", {"x": {"in_water": [9.0, 9.0, math.sqrt(2 * math.pi * G / 21.0)]}})
     assert measures_c.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
 

@@ -160,7 +160,7 @@ def test_what_is_no_structure_join_or_prefix_is_refused() -> None:
 
 def test_what_is_no_rotation_plane_or_shift_is_refused() -> None:
     for rotation, words in [
-        ([1, 2], r"rotation = \[1, 2\]; it must be an array of shape \(3,\) \[rad, or a matrix \(3, 3\)\]"),
+        ([1, 2], r"rotation = \[1, 2\] of shape \(2,\); it must be an array of shape \(3,\) \[rad, or a matrix"),
         (-np.eye(3), "right-handed .mirror images are made by mirrored"),
         (2 * np.eye(3), "its columns must be orthogonal, of length 1"),
         ("z", "rotation = 'z'"),

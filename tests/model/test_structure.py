@@ -72,7 +72,7 @@ D_TWICE = [[1, 0, 0], [-2, 0, 0]]
 INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     # nodes
     "no nodes": (lambda: build(nodes={}), ("two rods", "no nodes")),
-    "nodes are no mapping": (lambda: build(nodes=[(0, 0, 0)]), ("nodes", "list", "name")),
+    "nodes are no mapping": (lambda: build(nodes=[(0, 0, 0)]), ("nodes = [(0, 0, 0)]", "node name")),
     "nodes are a list in NaN": (lambda: with_node(c=(0.0, NAN, 2.0)), ("'c'", "nan", "finite")),
     "infinite node": (lambda: with_node(c=(0.0, INF, 2.0)), ("'c'", "inf", "finite")),
     "node of two numbers": (lambda: with_node(c=(0.0, 2.0)), ("'c'", "(0.0, 2.0)", "three")),
@@ -348,10 +348,10 @@ def test_from_arrays_takes_numpy_indices_and_point_masses() -> None:
 
 
 BAD_ARRAYS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
-    "nodes in a row": ({"nodes": [0.0, 1.0, 2.0]}, ("nodes", "(3,)", "(-1, 3)")),
-    "nodes in columns": ({"nodes": GRID.T}, ("nodes", "(3, 5)", "(-1, 3)")),
+    "nodes in a row": ({"nodes": [0.0, 1.0, 2.0]}, ("nodes", "(3,)", "(N, 3)")),
+    "nodes in columns": ({"nodes": GRID.T}, ("nodes", "(3, 5)", "(N, 3)")),
     "NaN": ({"nodes": np.where(GRID == 3, NAN, GRID)}, ("nodes[4, 0]", "nan", "finite")),
-    "ragged nodes": ({"nodes": [[0, 0, 0], [1]]}, ("nodes", "not an array")),
+    "ragged nodes": ({"nodes": [[0, 0, 0], [1]]}, ("nodes", "an array of shape")),
     "index beyond": ({"rods": [(0, 1), (2, 5)]}, ("rods[1]", "(2, 5)", "0 to 4")),
     "negative index": ({"strings": [(-1, 2)]}, ("strings[0]", "(-1, 2)", "0 to 4")),
     "half an index": ({"strings": [(0.5, 2)]}, ("strings[0]", "integers")),
@@ -359,11 +359,11 @@ BAD_ARRAYS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "three ends": ({"rods": [(0, 1, 2), (2, 3, 4)]}, ("rods[0]", "(0, 1, 2)", "pair")),
     "pairs laid flat": ({"rods": [0, 1, 2, 3]}, ("rods[0]", "0", "pair")),
     "no pairs at all": ({"rods": 3}, ("rods", "3", "sequence")),
-    "equal ends": ({"strings": [(2, 2)]}, ("strings[0]", "(2, 2)", "two different nodes")),
-    "masses": ({"rod_mass": [1.0, 2.0, 3.0]}, ("rod_mass", "(3,)", "(2,)", "scalar")),
+    "equal ends": ({"strings": [(2, 2)]}, ("string 's1'", "'n3'", "two different nodes")),
+    "masses": ({"rod_mass": [1.0, 2.0, 3.0]}, ("rod_mass", "(3,)", "(2,)", "a number")),
     "negative mass": ({"rod_mass": [1.0, -2.0]}, ("rod 'r2'", "mass = -2.0", "> 0 kg")),
     "stiffness NaN": ({"stiffness": [1.0, NAN]}, ("stiffness[1]", "nan", "finite")),
-    "supports": ({"supports": [Support.free()]}, ("supports", "(1,)", "(2,)")),
+    "supports": ({"supports": [Support.free()]}, ("supports: 1 for 2 rods",)),
     "fixed node beyond": ({"fixed_nodes": [7]}, ("fixed_nodes[0]", "0 to 4")),
     "point mass beyond": ({"point_masses": {9: 1.0}}, ("point_masses[0]", "0 to 4")),
     "two prestresses": ({"tension": 1.0, "rest_length": 1.0}, ("string 's1'", "at most one")),
@@ -423,7 +423,7 @@ def test_with_strings_replaces_the_prestress_that_was_there() -> None:
     assert softer.with_strings(force_density=None) == build().with_strings(stiffness=4.0)
     with pytest.raises(StructureError, match=r"'colour'.*stiffness"):
         structure.with_strings(colour=1.0)
-    with pytest.raises(StructureError, match=r"tension: shape \(2,\)"):
+    with pytest.raises(StructureError, match=r"tension = .* of shape \(2,\)"):
         structure.with_strings(tension=[1.0, 2.0])
 
 
@@ -493,3 +493,14 @@ def test_rows_are_in_the_order_of_the_names_given_not_of_the_alphabet() -> None:
     assert [made.node_index[name] for name in made.node_names] == [0, 1, 2, 3]
     assert [tuple(made.positions[made.node_index[name]]) for name in made.node_names] == list(nodes.values())
     assert made.rod_nodes.tolist() == [[0, 1], [3, 2]]
+
+
+@pytest.mark.parametrize("nodes", [3, None, "abc", [], [[0, 0, 0], [1, 0]], np.zeros((2, 3, 3))])
+def test_nodes_that_are_no_rows_of_three_are_refused(nodes: Any) -> None:
+    with pytest.raises(StructureError, match=r"nodes = .*shape \(N, 3\) \[m\]"):
+        from_arrays(nodes=nodes)
+
+
+def test_numbers_beyond_floats_are_refused_by_name() -> None:
+    with pytest.raises(StructureError, match="stiffness = "):
+        from_arrays(stiffness=10**400)

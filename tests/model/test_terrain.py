@@ -132,7 +132,7 @@ def test_a_sweep_sets_a_part_of_it() -> None:
         (lambda: Ramp(angle=0.1, size=(1e9, 1e9)), r"ramp: size = .* has more than 250,000 points: make it smaller"),
         (
             lambda: Ramp(angle=0.1, size=(0.05, 1.0)),
-            r"ramp: size = \[0\.05, 1\.0\] m; each side must be at least two spacings, 0\.1 m",
+            r"ramp: size = \[0\.05, 1\.0\] m: its shorter side = 0\.05 m; it must be at least two spacings, 0\.1 m",
         ),
         (lambda: Stairs(rise=0.1, tread=0.05), r"stairs: tread = 0\.05 m; it must be at least two spacings, 0\.1 m"),
         (lambda: Rough(roughness=0.1, length=0.05), r"rough: length = 0\.05 m; it must be at least two spacings"),

@@ -22,7 +22,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.pictures import opengl, palette
-from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
+from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, clearest, corners_of, fit
 from tensegrity_mj.pictures.camera_path import NEAREST
 from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels
@@ -177,7 +177,7 @@ def test_the_camera_means_the_same_to_mujoco():
 @pytest.mark.parametrize("normal", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (1, 2, 0), (1, 1, 1), (-2, 1, 0.5)])
 def test_planar_structures_are_seen_square_on(normal):
     points = planar_scene(normal).structure.positions
-    camera = direction(points, np.zeros((1, 0, 2, 3)), None, None)
+    camera = clearest(points, np.zeros((1, 0, 2, 3)), None)
     assert abs(camera.axes[2] @ (np.array(normal) / np.linalg.norm(normal))) == pytest.approx(1.0, abs=1e-9)
     assert camera.elevation <= 1e-9
     if normal == (0, 1, 0):
@@ -194,13 +194,13 @@ def test_the_azimuth_keeps_members_apart():
         nodes = np.array([[[0.0, 0.0, 0.0], turned, turned + np.array([0, 0, 1.0]), [0.3, -0.8, 0.4]]])
         corners = corners_of(np.array([[0, 1], [2, 0]]), nodes)
         assert np.array_equal(corners, nodes[:, [[1, 2]]])
-        off = (direction(nodes[0], corners, None, None).azimuth - (125.0 + turn)) % 180.0
+        off = (clearest(nodes[0], corners, None).azimuth - (125.0 + turn)) % 180.0
         assert min(off, 180.0 - off) <= 45.0
     assert corners_of(np.array([[0, 1], [2, 3]]), nodes).shape == (1, 0, 2, 3)
 
 
 def test_angles_that_were_requested_are_kept():
-    camera = direction(cone_scene().structure.positions, np.zeros((1, 0, 2, 3)), 12.0, -34.0)
+    camera = clearest(cone_scene().structure.positions, np.zeros((1, 0, 2, 3)), None, 12.0, -34.0)
     assert (camera.azimuth, camera.elevation) == (12.0, -34.0)
 
 

@@ -450,7 +450,7 @@ def test_mistakes_are_reported() -> None:
         ({"nodes": nodes, "time": [1, 1], "velocities": nodes}, "increasing"),
         ({"velocities": nodes}, "leave it out"),
         ({"pairs": ()}, "empty"),
-        ({"pairs": ("rod-rod",)}, "ROD_ROD"),
+        ({"pairs": ("rod-rods",)}, "ROD_ROD"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"string_radius": -1.0}, "string_radius"),
         ({"below": np.nan}, "below"),
@@ -478,3 +478,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     for wrong in (["--pairs", "rod"], ["--out", "x.txt"], ["--below", "x"], ["--string-radius", "-1"]):
         assert cli.main(["clearance", "prism", *wrong]) == 2
     assert cli.main(["clearance", "prism", "--out", str(picture)]) == 2  # one shape has no time to plot
+
+
+@pytest.mark.parametrize("one", [Pairs.ROD_ROD, Pairs.ROD_ROD.value])
+def test_one_kind_of_pairs_is_enough(one: Any) -> None:
+    scene = tmj.load_scene("cross")
+    assert tmj.clearance(scene, pairs=one).smallest == tmj.clearance(scene, pairs=[Pairs.ROD_ROD]).smallest

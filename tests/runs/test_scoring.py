@@ -193,7 +193,7 @@ def test_bad_tables_are_refused_in_a_line(
         ("compare pinned mine.csv --score --steps 1e-3 1e-4", "as many --steps or none"),
         ("compare pinned mine.csv --score --steps 0", "--steps: 0: it must be > 0"),
         ("compare pinned mine.csv --score --duration 1", "--duration means nothing with --score"),
-        ("compare pinned --steps 1e-3", "--steps belongs to --score"),
+        ("compare pinned --steps 1e-3", "--steps needs --score"),
         ("compare pinned none.csv --score", "none.csv: no such file"),
     ],
 )

@@ -31,6 +31,7 @@ from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.path import End, Path, follow
 from tensegrity_mj.statics.path_criticals import Kind
 from tensegrity_mj.statics.path_steps import Walk
+from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.state import StaticState
 
 Array = NDArray[np.float64]
@@ -437,11 +438,10 @@ def test_the_slope_of_a_path_changes_where_a_string_becomes_slack(points: int) -
     assert not path.criticals
     # As many as wanted, and the two next to where the string becomes slack.
     assert len(path.states) <= points + 3
-    slack = path.first_slack
-    assert slack is not None
-    assert np.allclose(force[slack[0] - 1 : slack[0] + 1], 0.505, atol=0.7 / points)
-    assert slack[1] == "s1"
-    assert not path.states[slack[0] - 1].slack.any()
+    first = Response.of(path).slack_events[0]
+    assert np.allclose(force[first.point - 1 : first.point + 1], 0.505, atol=0.7 / points)
+    assert (first.string, first.slack) == ("s1", True)
+    assert not path.states[first.point - 1].slack.any()
 
 
 @pytest.mark.parametrize("points", [6, 40])

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from hanging_chain import HangingChain, linear_model
 from modal_superposition import response
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start, cable, refined
 from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude
-from tensegrity_mj.studies.cable.chain import Chain, HangingChain
+from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.spectrum import Peak, PeakCriteria, Spectrum, peaks_of, picked, spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 
@@ -23,12 +24,11 @@ T = np.arange(0.0, 45.0 + 1e-9, 0.02)
 
 @pytest.mark.parametrize(("frequency", "phase"), [(0.3, 0.2), (1.2, 1.0), (3.0, -0.4)])
 def test_amplitude_of_a_harmonic(frequency: float, phase: float) -> None:
-    """2 a. Hermite's cubic is off by (ω h)⁴/384 of a at each end, the parabola by (ω h)⁴/128 (h = 0.02 s)."""
+    """2 a. Hermite's cubic is off by (ω h)⁴/384 of a at each end (h = 0.02 s)."""
     omega = 2 * np.pi * frequency
     x, v = 0.7 * np.sin(omega * T + phase), 0.7 * omega * np.cos(omega * T + phase)
     small = (omega * 0.02) ** 4
     assert response_amplitude(T, x, v) == pytest.approx(1.4, abs=1.4 * small / 384 + 1e-14)
-    assert response_amplitude(T, x) == pytest.approx(1.4, abs=1.4 * small / 128 + 1e-14)
     found = extremes(T, x, v)
     turns = (np.arange(1000) + 0.5) * np.pi - phase
     turns = turns[(turns > 0) & (turns < omega * 45.0)] / omega
@@ -37,14 +37,15 @@ def test_amplitude_of_a_harmonic(frequency: float, phase: float) -> None:
 
 
 def test_amplitude_is_that_of_successive_peaks_only() -> None:
-    """A growing motion: the largest excursion between two peaks that follow each other, not between any two."""
-    t = np.arange(7.0)
-    assert response_amplitude(t, [0.0, 1.0, 0.5, 2.0, 1.5, 3.0, 2.5]) < 2.0
-    # Parabolas through (k-1, k, k+1): vertices near the samples; all maxima and minima alternate.
-    found = extremes(t, [0.0, 1.0, -1.0, 2.0, -2.0, 0.0, -0.5])
+    """A drifting motion a sin ωt + c t: from ωt = -θ to θ, cos θ = -c/(a ω), not between any two of its peaks."""
+    a, c, omega = 0.7, 0.3, 2 * np.pi * 0.3
+    x, v = a * np.sin(omega * T) + c * T, a * omega * np.cos(omega * T) + c
+    turn = np.arccos(-c / (a * omega))
+    rise = 2 * a * np.sin(turn) + 2 * c * turn / omega
+    found = extremes(T, x, v)
+    assert found.amplitude == pytest.approx(rise, abs=2 * a * (omega * 0.02) ** 4 / 384 + 1e-13)
     assert np.all(np.diff(np.sign(np.diff(found.value))) != 0)
-    assert found.amplitude == pytest.approx(float(np.max(np.abs(np.diff(found.value)))))
-    assert found.amplitude >= 4.0
+    assert np.ptp(found.value) > 5 * rise
 
 
 def test_extremes_of_a_cubic_are_exact() -> None:
@@ -66,14 +67,14 @@ def test_an_extreme_on_a_sample_counts_once() -> None:
 
 
 def test_a_motion_without_two_peaks_has_no_amplitude() -> None:
-    assert response_amplitude(T, T) == 0.0
+    assert response_amplitude(T, T, np.ones_like(T)) == 0.0
     assert response_amplitude(T, (T - 20.0) ** 2, 2.0 * (T - 20.0)) == 0.0
     assert response_amplitude(T, np.zeros_like(T), np.zeros_like(T)) == 0.0
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [([0.0, 1.0], [0.0]), ([0.0, 0.0], [0.0, 1.0]), ([0.0, 1.0], [0.0, math.nan]), ([0.0, 1.0], [0.0, 1.0], [0.0])],
+    [([0, 1], [0], [0, 1]), ([0, 0], [0, 1], [0, 1]), ([0, 1], [0, math.nan], [0, 1]), ([0, 1], [0, 1], [0])],
 )
 def test_bad_motions_are_refused(arguments: tuple) -> None:
     with pytest.raises(OptionError, match="extremes"):
@@ -140,7 +141,6 @@ def test_whirling_of_ellipses() -> None:
         x, y = a * np.cos(w * T), b * np.sin(w * T)
         found = whirl(T, x, y, 1.25, (-a * w * np.sin(w * T), b * w * np.cos(w * T)))
         assert found.turning == pytest.approx(2 * a * b / (a * a + b * b), abs=1e-3)
-        assert whirl(T, x, y, 1.25).turning == pytest.approx(found.turning, abs=1e-2)  # by differences
 
 
 def test_growth_out_of_the_plane() -> None:
@@ -148,13 +148,14 @@ def test_growth_out_of_the_plane() -> None:
     w = 2 * np.pi * 0.8
     for seed in (1e-6, 1e-4):
         out = seed * np.exp(0.2 * T) * np.sin(w * T)
-        found = whirl(T, np.cos(w * T), out, 1.25)
+        found = whirl(T, np.cos(w * T), out, 1.25, (-w * np.sin(w * T), np.gradient(out, T)))
         assert found.growth == pytest.approx(0.2, rel=2e-3)
         # Windows of one period: the last over the first of them, 35 periods later.
         assert found.gain == pytest.approx(math.exp(0.2 * 35 * 1.25), rel=2e-2)
-    assert math.isnan(whirl(T, np.cos(w * T), np.zeros_like(T), 1.25).growth)
+    none = np.zeros_like(T)
+    assert math.isnan(whirl(T, np.cos(w * T), none, 1.25, (-w * np.sin(w * T), none)).growth)
     with pytest.raises(OptionError, match="window"):
-        whirl(T, T, T, 30.0)
+        whirl(T, T, T, 30.0, (T, T))
 
 
 # ------------------------------------------------------------------------------------------------ chain and markers
@@ -182,7 +183,7 @@ def test_places_beyond_the_chain_are_refused() -> None:
 
 
 def thesis_chain(divisions: int = 1) -> HangingChain:
-    return HangingChain.of(Chain.of(cable(refined(divisions), excitation=Excitation.NONE).structure))
+    return linear_model(cable(refined(divisions), excitation=Excitation.NONE))
 
 
 def test_mass_matrix_by_node_displacements() -> None:
@@ -203,7 +204,8 @@ def test_mass_matrix_by_node_displacements() -> None:
 
 def test_one_rod_is_the_pendulum_of_the_thesis() -> None:
     """(3.28)."""
-    assert HangingChain([0.25], [2.0]).frequencies[0] == pytest.approx(math.sqrt(1.5 * 9.81 / 0.25) / (2 * math.pi))
+    chain = HangingChain(np.array([0.25]), np.array([2.0]))
+    assert chain.frequencies[0] == pytest.approx(math.sqrt(1.5 * 9.81 / 0.25) / (2 * math.pi))
 
 
 def test_frequencies_of_the_thesis_cable() -> None:
@@ -263,9 +265,3 @@ def test_amplitudes_of_both_starts() -> None:
     for start, value in ((Start.MOVING_FRAME, 4.30), (Start.LAB_FRAME, 2.00)):
         x, v = response(chain, T, 0.05, 0.7, start)
         assert response_amplitude(T, x[:, 12], v[:, 12]) / 0.1 == pytest.approx(value, rel=0.01)
-
-
-@pytest.mark.parametrize("arguments", [([], []), ([1.0], [1.0, 1.0]), ([0.0], [1.0]), ([1.0], [1.0], -9.81)])
-def test_bad_chains_are_refused(arguments: tuple) -> None:
-    with pytest.raises(OptionError, match="hanging chain"):
-        HangingChain(*arguments)

@@ -610,9 +610,9 @@ def test_a_failed_task_is_counted_as_undetected() -> None:
     assert not conclusions([*results, {**results[0], "verdict": "undetected"}], [Kind.SLACK])["passed"]
     assert not conclusions([*results, {**results[0], "false refusal": True}], [Kind.SLACK])["passed"]  # 10 %
     assert not conclusions([*results, *[{**results[0], "verdict": "warned"}] * 7], [Kind.SLACK])["passed"]  # 9 of 16
-    from tensegrity_mj.studies.extremes.study import _result
+    from tensegrity_mj.studies.extremes.study import _lost
 
-    died = _result("SLACK", {"status": "failed", "error": "WorkerDied", "reason": "no memory"})
+    died = _lost({"status": "failed", "error": "WorkerDied", "reason": "no memory"})
     assert died["verdict"] == "undetected"
 
 

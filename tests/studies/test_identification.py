@@ -23,7 +23,7 @@ from tensegrity_mj.studies import FitOptions, Parameter, identify, measured
 from tensegrity_mj.studies.identification import predictions, statistics
 from tensegrity_mj.studies.identification.fitting import Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.predictions import Experiment
+from tensegrity_mj.studies.identification.predictions import predictions_of
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Array = np.ndarray
@@ -200,7 +200,7 @@ def test_derivatives_by_differences_are_those_of_the_oscillator(engine: Any) -> 
     unknowns = Unknowns.of(
         scene, ["structure.strings.stiffness", "structure.strings.damping", "structure.point_masses.mass"]
     )
-    model = Experiment(unknowns, seen, engine).predictions
+    model = predictions_of(unknowns, seen, engine)
     exact, numbers = oscillator(times), np.array([60.0, 0.6, 1.0])
     assert model.predict(unknowns.start)[:4] == pytest.approx(0.1 * exact.predict(numbers), abs=1e-8)
     ours = model.jacobian(unknowns.start)[:4] * unknowns.sizes
@@ -231,11 +231,11 @@ def test_jumps_of_dampers_are_differentiated_or_reported() -> None:
     for engine in (tmj.DAE(), tmj.MuJoCo(timestep=1e-3, locate_slack=True)):
         with warnings.catch_warnings():
             warnings.simplefilter("error", IdentificationWarning)
-            slope = Experiment(unknowns, seen, engine).predictions.jacobian(unknowns.start)[1, 0]
+            slope = predictions_of(unknowns, seen, engine).jacobian(unknowns.start)[1, 0]
         # Runs that differ by 4e-4 · 0.055 m are within 1e-8 m of the exact ones, 4e-4 of that.
         assert slope == pytest.approx(exact, rel=1e-3)
     with pytest.warns(IdentificationWarning, match="string 'string' has a damper and comes taut"):
-        slope = Experiment(unknowns, seen, tmj.MuJoCo(timestep=1e-3)).predictions.jacobian(unknowns.start)[1, 0]
+        slope = predictions_of(unknowns, seen, tmj.MuJoCo(timestep=1e-3)).jacobian(unknowns.start)[1, 0]
     assert abs(slope / exact - 1) > 0.1
 
 
@@ -303,7 +303,7 @@ def test_parameters_of_another_engines_data_are_covered(run: tmj.Trajectory) -> 
         for path, value, off in zip(PATHS, truth, (1.15, 0.85, 0.98, 1.15), strict=True)
     ]
     unknowns = Unknowns.of(scene, starts)
-    model = Experiment(unknowns, Observation.of(scene.structure, measured(run, nodes=1e-3)), tmj.DAE()).predictions
+    model = predictions_of(unknowns, Observation.of(scene.structure, measured(run, nodes=1e-3)), tmj.DAE())
     found = []
     for seed in range(20):
         seen = Observation.of(scene.structure, measured(noisy(run, seed), nodes=1e-3))

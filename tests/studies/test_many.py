@@ -575,6 +575,25 @@ def test_differences_are_found_where_they_are() -> None:
     assert difference({"a": "x\n"}, {"a": "x"}) == "a has other line ends"
 
 
+def test_what_an_interrupt_meets_while_it_is_written_is_finished_if_its_record_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(file: int) -> None:
+        raise KeyboardInterrupt
+
+    for cut, finished in ((0, 1), (5, 0)):
+        with store.opened(tmp_path / f"cut {cut}", {}) as kept:
+            with monkeypatch.context() as patched:
+                patched.setattr("os.fsync", interrupted)
+                with pytest.raises(KeyboardInterrupt):
+                    kept.add("point", {"values": {}}, {})
+            path = tmp_path / f"cut {cut}" / store.POINTS
+            os.truncate(path, path.stat().st_size - cut)
+            assert kept.stopped("{} are finished").startswith(f"{finished} are finished and kept in ")
+        with store.opened(tmp_path / f"cut {cut}", {}) as kept:
+            assert len(kept.outcomes) == finished
+
+
 def test_a_full_disk_is_reported_with_the_file_and_nothing_finished_is_lost(tmp_path: Path) -> None:
     points = [{"x": number} for number in range(60)]
     script = (

@@ -188,7 +188,7 @@ def test_the_references_agree_with_a_third_coding() -> None:
 
 
 def test_the_page_and_the_data(tmp_path: Path) -> None:
-    Promise.of(ROWS, 1, folder=tmp_path).kept()
+    Promise.of(ROWS, 1).kept(tmp_path)
     text = (tmp_path / "promise.html").read_text(encoding="utf-8")
     assert "at a pole" in text
     assert "beyond 3 times, reported as met" in text

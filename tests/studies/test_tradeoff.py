@@ -440,7 +440,7 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return attempt(*arguments)
 
     monkeypatch.setattr(module, "attempt", interrupted)
-    with pytest.raises(KeyboardInterrupt, match="runs are kept in"):
+    with pytest.raises(KeyboardInterrupt, match="runs are finished and kept in"):
         small_study(tmp_path / "a")
     kept = (tmp_path / "a" / "runs" / "points.jsonl").read_text(encoding="utf-8").splitlines()
     assert len(kept) >= 2

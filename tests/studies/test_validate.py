@@ -127,7 +127,7 @@ def test_a_law_that_jumps_is_compared_with_its_finest_period(pinned_rod: Any) ->
 
 def point(report: Any, section: str, number: int) -> Any:
     """The values that a case of a report's run folder has, as the store kept them."""
-    kept = json.loads((report.folder / study.RUNS / "result.json").read_text())["points"]
+    kept = json.loads((report.folder / "runs" / "result.json").read_text())["points"]
     label = rows(report, section)[number]["label"]
     setup = _setup(report)
     case = next(one for one in sections.cases(setup, [section]) if (one.section, one.label) == (section, label))
@@ -418,7 +418,7 @@ def test_a_scene_without_a_target_is_no_failure() -> None:
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        ("nothing", "no built-in law"),
+        ("nothing", "unknown law 'nothing'"),
         (f"{LAWS}:absent", "there is no law 'absent'"),
         (f"{LAWS}:no_law", "it must be a function"),
         ("no_such_module:law", "cannot be imported"),

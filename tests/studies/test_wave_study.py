@@ -33,7 +33,7 @@ from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
-from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves, scene_of
+from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.chapter7.measures7 import label_of
 from tensegrity_mj.thesis.experiments import EngineName
@@ -179,7 +179,7 @@ def test_rod_forces_balance_the_strings_at_the_start() -> None:
 def test_engines_agree_in_waves() -> None:
     """Another tower in another sea; the limits are those of the whole tower over 5 s, see below."""
     tower_ = {"stages": 5, "wavelength": 6.0, "wave_height": 0.6, "direction": 0.7, "water_depth": 4.0}
-    scene = scene_of(tower_ | {"current": (0.2, 0.1, 0.0)})
+    scene = tower_in_waves(**tower_, current=(0.2, 0.1, 0.0))
     kept: dict[str, Any] = {"duration": 1.5, "output_interval": 0.03}
     fine = tmj.simulate(scene, None, tmj.DAE(rtol=1e-10, atol=1e-12), **kept)
     errors = [
@@ -216,7 +216,7 @@ def test_a_point_of_the_study_reports_what_the_run_reports() -> None:
     tower_ = {"stages": 4, "radius": 0.5, "duration": 4.0}
     point = {**point_of(tower_), "transient": 2.0}
     found = in_waves(point)
-    run = tmj.simulate(scene_of(tower_), None, engine_of("dae", point["timestep"]), output_interval=0.02)
+    run = tmj.simulate(tower_in_waves(**tower_), None, engine_of("dae", point["timestep"]), output_interval=0.02)
     D = deformation(run)
     row, column = np.unravel_index(D.argmax(), D.shape)
     assert found["largest"] == D.max()
@@ -238,7 +238,7 @@ def test_the_cases_are_those_of_the_thesis() -> None:
     assert GRID["10 kN/m 0.1 m"] == {"stiffness": 1e4, "prestress_measure": 0.10}
     assert GRID["30 kN/m 0.2 m"] == {"stiffness": 3e4, "prestress_measure": 0.20}
     for tower_ in (*GRID.values(), *OPEN.values(), *SENSITIVITY.values()):
-        assert scene_of(point_of(tower_)["tower"]).water is not None
+        assert tower_in_waves(**point_of(tower_)["tower"]).water is not None
 
 
 def test_a_stiffer_and_a_tighter_tower_bends_less() -> None:

@@ -17,7 +17,7 @@ from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.thesis import noticed, sensitivity
+from tensegrity_mj.thesis import sensitivity, tables
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, PLACES, SERIES, hanging, marker_places
 from tensegrity_mj.thesis.disturbance import GAINS, Disturbance, Quantity, disturbance_of, disturbed, disturbed_options
@@ -184,7 +184,7 @@ words = "what"
 stated = "1 m"
 band = [0.9, 1.1]
 reason = "why"
-measure = "peak"
+measure = "switches"
 runs = ["pinned"]
 differs.ours = [2, 3]
 differs.cause = "why"
@@ -203,8 +203,8 @@ def test_texts_stand_for_their_names(tmp_path: Path) -> None:
     ("change", "word"),
     [
         (('class = "number"', 'class = "nice"'), "independent computation"),
-        (('measure = "peak"', 'measure = "none"'), "measure = 'none'"),
-        (('measure = "peak"', ""), "neither a measure"),
+        (('measure = "switches"', 'measure = "none"'), "measure = 'none'"),
+        (('measure = "switches"', ""), "neither a measure"),
         (("band = [0.9, 1.1]", "band = [1.1, 0.9]"), "not above the second"),
         (("band = [0.9, 1.1]", "band = [1.1]"), "two numbers"),
         (("page = 120", 'page = "120"'), "page = '120'"),
@@ -232,7 +232,8 @@ def test_a_bad_table_is_refused_with_its_row(tmp_path: Path, change: tuple[str, 
         ("max(total(a))", "has the name 'total'"),
         ("a.nodes.tofile('x')", "is none of a measure or function"),
         ("a.__class__", "is not allowed"),
-        ("[x for x in a]", "is not allowed"),
+        ("{x for x in a}", "is not allowed"),
+        ("[y for x in a]", "has the name 'y'"),
         ("norm(a, axis=0)", "is none of a measure or function"),
         ("(lambda: 0)()", "is none of a measure or function"),
     ],
@@ -247,7 +248,8 @@ def test_an_expression_has_the_runs_of_its_row_in_their_order() -> None:
     assert evaluate("a.lyapunov[0] / b.lyapunov[0]", {}, [first, second]) == 2.0
     assert evaluate("max(a.lyapunov - b.lyapunov)", {}, [first, second]) == 3.0
     assert evaluate("max(1, 2 * b.lyapunov[1])", {}, [first, second]) == 16.0
-    assert list(evaluate('each(scaled, a, ["x", "y"], 2)', {"scaled": lambda run, *of: len(of)}, [first])) == [2, 2]
+    scaled = {"scaled": lambda run, label: (run.lyapunov[0], label)}
+    assert evaluate('[scaled(a, k) for k in ["x", "y"] if k != "x"]', scaled, [first]) == [(6.0, "y")]
 
 
 def test_two_rows_of_one_id_are_refused(tmp_path: Path) -> None:
@@ -351,15 +353,15 @@ def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_the_table_of_errors_is_of_rows_that_are_studied(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = json.loads(noticed.FILE.read_text(encoding="utf-8"))
+    table = json.loads(tables.SENSITIVITY.read_text(encoding="utf-8"))
     requested = {one.id for one in sensitivity.evidence(STATEMENTS)}
     assert set(table["rows"]) <= requested
     for name, found in table["rows"].items():
         assert set(found) <= {quantity.value for quantity in Quantity}, name
         assert set(found.values()) <= set(sensitivity.SIZES), name
-    monkeypatch.setattr(noticed, "_table", lambda: {"3.4.1-f1": {"geometry": 10, "mass": 1}, "3.4.1-f2": {}})
-    assert noticed.noticed(ROWS["3.4.1-f1"]) == "geometry 10 %, mass 1 %"
-    assert noticed.noticed(ROWS["3.4.1-f2"]) == "nothing"
-    assert noticed.noticed(ROWS["3.8-first"]) == "not studied"
-    assert noticed.noticed(ROWS["3.4-axis"]) == "–"
-    assert noticed.noticed(ROWS["C.1.3-euler"]) == "a formula, of no run"
+    monkeypatch.setattr(tables, "_notices", lambda: {"3.4.1-f1": {"geometry": 10, "mass": 1}, "3.4.1-f2": {}})
+    assert tables.noticed(ROWS["3.4.1-f1"]) == "geometry 10 %, mass 1 %"
+    assert tables.noticed(ROWS["3.4.1-f2"]) == "nothing"
+    assert tables.noticed(ROWS["3.8-first"]) == "not studied"
+    assert tables.noticed(ROWS["3.4-axis"]) == "–"
+    assert tables.noticed(ROWS["C.1.3-euler"]) == "a formula, of no run"

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hanging_chain import linear_model
 
 from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
@@ -18,7 +19,7 @@ from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
-from tensegrity_mj.studies.cable.cases import Case, linear_model, run_cases, simulated
+from tensegrity_mj.studies.cable.cases import Case, run_cases, simulated
 from tensegrity_mj.studies.cable.spectrum import PeakCriteria, Spectrum, peaks_of, picked
 from tensegrity_mj.studies.cable.steps import FoundStep
 from tensegrity_mj.studies.workers import Backend, Workers

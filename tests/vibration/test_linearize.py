@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import truth
+from hanging_chain import linear_model
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
@@ -21,7 +22,6 @@ from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.studies.cable.chain import Chain, HangingChain
 
 Array = NDArray[np.float64]
 ENGINES = {"dae": tmj.DAE(), "ode": tmj.ODE(), "mujoco": tmj.MuJoCo()}
@@ -209,7 +209,7 @@ def test_long_chains_swing_as_their_closed_form_says(count: int) -> None:
     is known to 1e-12 ω_K² √K, of the norm of K such entries.
     """
     scene = cable(count, excitation=Excitation.NONE)
-    expected = np.sort(HangingChain.of(Chain.of(scene.structure)).frequencies)
+    expected = np.sort(linear_model(scene).frequencies)
     found = np.sort(tmj.linearize(scene, tmj.DAE()).frequencies).reshape(count, 2)
     bound = 0.5e-12 * np.sqrt(count) * (expected[-1] / expected) ** 2
     assert np.all(np.abs(found / expected[:, None] - 1) <= bound[:, None])

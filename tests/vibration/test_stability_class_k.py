@@ -62,7 +62,7 @@ def squares(model: Vibration) -> Array:
     """ω² of the motions that joints and supports allow, ascending."""
     K = model.material + model.geometric
     K = K if isinstance(K, np.ndarray) else K.toarray()
-    P = np.eye(model.size) if model.joints is None else model.joints.projection
+    P = np.eye(model.size) if model.state.joints is None else model.state.joints.projection
     moved = np.array([model.motion(column) for column in P]).reshape(model.size, -1)
     # An orthonormal basis of what moves nodes at all: y of what supports forbid moves nothing.
     U, size, _ = np.linalg.svd(P @ moved)

@@ -20,9 +20,6 @@ from tensegrity_mj.model.structure import Structure
 _Own, _pack = view_of(
     "CompiledLaw",
     node_count="size",
-    string_count="size",
-    parameter_count="size",
-    segment_count="size",
     segments=("i8", "segment_count", 2),
     ranges=("i8", "string_count", 2),
     parameters=("f8", "parameter_count"),
@@ -80,7 +77,7 @@ class CompiledLaw:
         import numba
         from numba.core.errors import NumbaError
 
-        from tensegrity_mj.dynamics.native.compiling import adopt
+        from tensegrity_mj.dynamics.native.numba_cache import adopt
         from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats
 
         given = self.function

@@ -54,11 +54,6 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         return self.dispatcher(*arguments)
 
-    @property
-    def stats(self) -> Any:
-        """numba's counts of what was found kept."""
-        return self.dispatcher.stats
-
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` with these options and the cache of this module; numpy's arithmetic (x / 0 = inf) by default."""
@@ -94,6 +89,18 @@ intrinsic = Intrinsic
 _C_TYPES: dict[str, Any] = {"void": None, "int64": ctypes.c_int64, "float64": ctypes.c_double}
 
 
+@functools.cache
+def _c_type(signature: str) -> Any:
+    returned, _, arguments = signature.rstrip(")").partition("(")
+    return ctypes.CFUNCTYPE(_C_TYPES[returned], *(_C_TYPES[one] for one in arguments.split(", ")))
+
+
+def called_from_c(signature: str, function: Callable[..., Any]) -> tuple[Any, int]:
+    """A function of Python as C code calls it, to be kept alive, and its address."""
+    made = _c_type(signature)(function)
+    return made, ctypes.cast(made, ctypes.c_void_p).value or 0
+
+
 c_functions: list[CFunction] = []  # of all modules that are imported
 
 
@@ -105,12 +112,10 @@ class CFunction:
         cache_hits: 1 where it was kept.
     """
 
-    def __init__(self, function: Callable[..., Any], signature: Any, what: str) -> None:
+    def __init__(self, function: Callable[..., Any], signature: str, what: str) -> None:
         functools.update_wrapper(self, function)
         self.py_func, self.cache_hits = function, 0
         self.what = what or function.__name__.strip("_").replace("_", " ")
-        if not isinstance(signature, str):  # numba's
-            signature = f"{signature.return_type}({', '.join(map(str, signature.args))})"
         self.signature = signature
         self._options = {"error_model": "numpy"}
         c_functions.append(self)
@@ -158,15 +163,13 @@ class CFunction:
     @functools.cached_property
     def ctypes(self) -> Any:
         """What Python can call."""
-        returned, _, arguments = self.signature.rstrip(")").partition("(")
-        kinds = [_C_TYPES[one.strip()] for one in arguments.split(",") if one.strip()]
-        return ctypes.CFUNCTYPE(_C_TYPES[returned], *kinds)(self.address)
+        return _c_type(self.signature)(self.address)
 
     def __call__(self, *arguments: Any) -> Any:
         return self.ctypes(*arguments)
 
 
-def c_function(signature: Any, what: str = "") -> Callable[[Callable[..., Any]], Any]:
+def c_function(signature: str, what: str = "") -> Callable[[Callable[..., Any]], Any]:
     """`numba.cfunc` with numpy's arithmetic and the cache of this module; `what` it is, for whoever waits."""
     return lambda function: CFunction(function, signature, what)
 
@@ -196,10 +199,3 @@ def _compile(function: Callable[..., Any], signature: str, options: dict[str, An
     declared = [one for one in (*module.functions, *module.global_variables) if one.is_declaration]
     names = sorted(one.name for one in declared if not one.name.startswith("llvm."))
     return Code(made.native_name, names, library._get_compiled_object())
-
-
-def adopt(function: Any) -> None:
-    """Give a compiled function of the user's, and all that it calls, this module's cache in place of numba's."""
-    from tensegrity_mj.dynamics.native import numba_cache
-
-    numba_cache.adopt(function)

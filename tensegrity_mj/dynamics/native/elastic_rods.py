@@ -11,11 +11,12 @@ from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, Motion
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of, times
 from tensegrity_mj.dynamics.native.views import view_of
-from tensegrity_mj.model.elements.elastic_rods import Bars, ElasticRods
+from tensegrity_mj.model.elements.elastic_rods import ElasticRods
+from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.model.scene import Scene
 
 BAR = np.dtype([("nodes", "i8", (2,)), ("stiffness", "f8"), ("damping", "f8"), ("length", "f8")], align=True)
-ElasticBars, pack = view_of("ElasticBars", count="size", bars=(BAR, "count"), pulls="size")
+ElasticBars, pack = view_of("ElasticBars", bars=(BAR, "count"), pulls="size")
 
 
 def pack_elastic_rods(element: ElasticRods, scene: Scene) -> NativeElement:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.compiling import called_from_c
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.motion import motion_at
 from tensegrity_mj.dynamics.native.plant_view import PlantView
@@ -24,16 +25,17 @@ from tensegrity_mj.dynamics.native.pointers import (
     TIMED,
     address,
     address_of,
+    array_at,
     borrowing,
     call_timed,
     copy,
     floats,
     inlined,
     integers,
-    records_reader,
+    reader_of,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.native.views import Field, Table, changing_view, view_of
+from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of, view_of
 from tensegrity_mj.errors import ElementError, OptionError
 from tensegrity_mj.model.elements.element import (
     Element,
@@ -47,31 +49,27 @@ from tensegrity_mj.model.elements.element import (
 from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
-Motion, pack_motion = view_of("Motion", count="size", nodes=("f8", "count", 3), velocities=("f8", "count", 3))
+Motion, _ = view_of("Motion", nodes=("f8", "count", 3), velocities=("f8", "count", 3))
 # given: of surroundings that move, the power that they give [W], or what an element that stores its work loses of it;
 # added: α of the rods [kg], of all elements together, rows (α_11, α_12, α_21, α_22), of which there are none where no
 # element adds mass; state: of an element that has one, as it is now; rates: its derivative, for it to write.
-_EFFECT: dict[str, Field] = {
-    "count": "size",
-    "forces": ("f8", "count", 3),
-    "rods": "size",
-    "added": ("f8", "rods", 4),
-    "given": "real",
-    "states": "size",
-    "state": ("f8", "states"),
-    "rates": ("f8", "states"),
-}
-Effect, pack_effect = view_of("Effect", **_EFFECT)
-_Own = changing_view("Own", tuple(_EFFECT.items()))  # an `Effect` as the loop over all sees it: it may lie on a stack
+_EFFECT = fields_of(
+    forces=("f8", "count", 3),
+    added=("f8", "rods", 4),
+    given="real",
+    state=("f8", "states"),
+    rates=("f8", "states"),
+)
+Effect, pack_effect = view_of("Effect", **dict(_EFFECT))
+_Own = changing_view("Own", _EFFECT)  # an `Effect` as the loop over all sees it: it may lie on a stack
 MOTION_SIZE, EFFECT_SIZE = 3, len(_EFFECT)
-_PLACES = {name: place for place, name in enumerate(_EFFECT)}
+_PLACES = {name: place for place, (name, _) in enumerate(_EFFECT)}
 _COUNT, _RODS = _PLACES["count"], _PLACES["rods"]
 
 ACT_SIGNATURE = TIMED
-ACT_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 ELEMENT = np.dtype([("function", "i8"), ("context", "i8"), ("effect", "i8"), ("work", "i8")], align=True)
 RECORD_SIZE = 4  # numbers of a record
-_read_elements = records_reader(ELEMENT)
+_read_elements = reader_of(ELEMENT)
 _WORKS = {Work.GIVEN: 0, Work.LOST: 1, Work.STORED: 2}
 GIVEN, LOST = _WORKS[Work.GIVEN], _WORKS[Work.LOST]
 LOSING = 3  # of what stores its work and loses some of it
@@ -247,37 +245,27 @@ def native_element(element: Element, scene: Scene, failures: Failures) -> Native
 def called_back(element: Element, scene: Scene, failures: Failures) -> NativeElement:
     """`act` of an element in Python as a C function, with `rates` of one that has a state."""
     N, S = len(scene.structure.nodes), len(element.state0(scene)) if element.has_state else 0
-    known: dict[int, Any] = {}  # views by address
-
-    def view(address: int, size: int = 3 * N) -> Any:
-        if address not in known:
-            if len(known) > 100:  # threads come and go
-                known.clear()
-            known[address] = np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
-        return known[address]
 
     def call(time: float, motion: int, context: int, effect: int) -> int:
         try:
             _, nodes, velocities = (ctypes.c_int64 * MOTION_SIZE).from_address(motion)
-            x, v = view(nodes).reshape(N, 3).copy(), view(velocities).reshape(N, 3).copy()
+            x, v = array_at(nodes, N, 3).copy(), array_at(velocities, N, 3).copy()
             own = (ctypes.c_int64 * EFFECT_SIZE).from_address(effect)
-            state = [view(own[_PLACES["state"]], S).copy()] if S else []
-            view(own[_PLACES["forces"]])[:] += acted(element, scene, time, x, v, *state).ravel()
+            state = [array_at(own[_PLACES["state"]], S).copy()] if S else []
+            array_at(own[_PLACES["forces"]], N, 3)[:] += acted(element, scene, time, x, v, *state)
             if S:
-                view(own[_PLACES["rates"]], S)[:] = rated(element, scene, time, x, v, *state)
+                array_at(own[_PLACES["rates"]], S)[:] = rated(element, scene, time, x, v, *state)
             if element.work is Work.LOST or (S and element.work is Work.STORED):
                 report = element.given if element.work is Work.LOST else element.lost
-                ctypes.c_double.from_address(effect + 8 * _PLACES["given"]).value = float(
-                    report(scene, time, x, v, *state)
-                )
+                array_at(effect + 8 * _PLACES["given"], 1)[:] = float(report(scene, time, x, v, *state))
         except BaseException as error:
             if not failures:
                 failures.append((element, error))
             return FAILED
         return SOLVED
 
-    function = ACT_FUNCTION(call)
-    return NativeElement(ctypes.cast(function, ctypes.c_void_p).value or 0, 0, (function,))
+    function, address = called_from_c(ACT_SIGNATURE, call)
+    return NativeElement(address, 0, (function,))
 
 
 class PackedElements:
@@ -291,33 +279,23 @@ class PackedElements:
     def __init__(self, scene: Scene, plant: Table, effects: Sequence[Element]) -> None:
         self.failures: Failures = []
         N, R = len(scene.structure.nodes), len(scene.structure.rods)
-        self.records = np.zeros(len(effects), ELEMENT)
-        self.seen = np.array([N, address_of(plant["nodes"]), address_of(plant["velocities"])], np.int64)  # a `Motion`
+        records = np.zeros(len(effects), ELEMENT)
+        seen = np.array([N, address_of(plant["nodes"]), address_of(plant["velocities"])], np.int64)  # a `Motion`
         self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
         start = states_at_start(effects, scene)
         self.states = np.array([start, 0.0 * start, start, 0.0 * start])
         self._keep: list[Any] = []
         parts = zip(*(split_states(effects, scene, row) for row in self.states[:2]), strict=True)
-        for record, element, own in zip(self.records, effects, parts, strict=True):
+        for record, element, own in zip(records, effects, parts, strict=True):
             state, rates = (part[0] if part else np.zeros(0) for part in own)
             native = native_element(element, scene, self.failures)
-            effect = pack_effect(
-                count=N,
-                forces=np.zeros((N, 3)),
-                rods=len(self.added),
-                added=self.added,
-                given=0.0,
-                states=len(state),
-                state=state,
-                rates=rates,
-            )
+            effect = pack_effect(forces=np.zeros((N, 3)), added=self.added, given=0.0, state=state, rates=rates)
             losing = (element.has_state or element.loses) and element.work is Work.STORED
             record["function"], record["context"] = native.address, native.context
             record["effect"], record["work"] = effect.address, LOSING if losing else _WORKS[element.work]
             self._keep += [native, effect]
-        plant.set(element_count=len(effects), elements=address_of(self.records), seen=address_of(self.seen))
-        plant.set(wet_rods=len(self.added), added=self.added, held_mass=np.zeros((N, 3)))
-        plant.set(element_state_count=len(start), element_states=self.states)
+        plant.set(element_count=len(effects), elements=records, seen=seen)
+        plant.set(added=self.added, held_mass=np.zeros((N, 3)), element_states=self.states)
 
     def raise_if_failed(self, time: float) -> None:
         """Raise what an element in Python did wrong.

@@ -179,9 +179,8 @@ def _description(law: Any) -> dict[str, Any]:
 
 
 def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLaw:
-    import ctypes
-
-    from tensegrity_mj.dynamics.native.pointers import LAW_FUNCTION
+    from tensegrity_mj.dynamics.native.compiling import called_from_c
+    from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, array_at
 
     count, size = len(structure.nodes), len(structure.strings)
     command = getattr(law, "command", Command.FORCE_DENSITY)
@@ -193,11 +192,6 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
     reason: list[str] = []
     spent = [0.0, 0.0]
     here = threading.local()  # whether this thread is within the law
-
-    def view(address: int, shape: tuple[int, ...]) -> Array:
-        length = int(np.prod(shape))
-        buffer = (ctypes.c_double * length).from_address(address)
-        return np.ctypeslib.as_array(buffer).reshape(shape)
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
         if getattr(here, "inside", False) or (failure and not isinstance(failure[0], Exception)):
@@ -212,31 +206,31 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
                 raise KeyboardInterrupt
             status = SOLVED
             try:
-                value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()))
+                value = np.asarray(law(time, array_at(nodes, count, 3).copy(), array_at(velocities, count, 3).copy()))
                 if np.iscomplexobj(value):
                     raise ValueError("it returned complex numbers; it must return real ones")
                 value = value.astype(float)
                 if value.shape != (size,):
                     raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
-                view(out, (size,))[:] = value
+                array_at(out, size)[:] = value
             except InfeasibleError as error:
                 reason[:], status = [str(error)], NO_SOLUTION
             reported = getattr(law, "report", None)
-            view(report, (len(Report),))[:] = np.nan if reported is None else reported
+            array_at(report, len(Report))[:] = np.nan if reported is None else reported
             return status
         except BaseException as error:
             if not failure:
                 failure.append(error)
-            view(report, (len(Report),))[:] = np.nan
+            array_at(report, len(Report))[:] = np.nan
             return FAILED
         finally:
             here.inside = False
             spent[0] += 1.0
             spent[1] += perf_counter() - start
 
-    function = LAW_FUNCTION(call)
+    function, address = called_from_c(LAW_SIGNATURE, call)
     return NativeLaw(
-        address=ctypes.cast(function, ctypes.c_void_p).value or 0,
+        address=address,
         context=0,
         keep=(function, law),
         command=command,

@@ -9,12 +9,13 @@ import numpy as np
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, NativeElement
 from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.vectors import add, times
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
 
 LOAD = np.dtype([("node", "i8"), ("force", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
-Loads, pack = view_of("Loads", count="size", loads=(LOAD, "count"))
+Loads, pack = view_of("Loads", loads=(LOAD, "count"))
 
 
 def pack_loads(element: Element, scene: Scene) -> NativeElement | None:
@@ -37,6 +38,5 @@ def act_loads(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     for a in range(given.count):
         load = given.loads[a]
         scale = np.cos(load.frequency * t + load.phase)
-        for x in range(3):
-            forces[load.node, x] += scale * load.force[x]
+        add(forces, load.node, times(scale, load.force))
     return SOLVED

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, borrowing, call_load, floats, inlined
+from tensegrity_mj.dynamics.native.compiling import called_from_c
+from tensegrity_mj.dynamics.native.pointers import LOAD_SIGNATURE, array_at, borrowing, call_load, floats, inlined
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.motion import Motion
 
@@ -27,13 +27,9 @@ MOTION = np.dtype(
 )
 Motions, pack_motions = view_of(
     "Motions",
-    count="size",
     motions=(MOTION, "count"),
-    harmonic_count="size",
     harmonics=(HARMONIC, "harmonic_count"),
-    time_count="size",
     times=("f8", "time_count"),
-    piece_count="size",
     pieces=("f8", "piece_count", 6, 3),
 )
 
@@ -82,16 +78,16 @@ class PackedMotions:
     def _function(self, motion: Motion) -> int:
         def call(time: float, out: int) -> int:
             try:
-                value = motion.at(time)
-                np.ctypeslib.as_array((ctypes.c_double * 9).from_address(out))[:] = value.ravel()
+                array_at(out, 3, 3)[:] = motion.at(time)
             except BaseException as error:
                 if not self.failure:
                     self.failure.append(error)
                 return 1
             return 0
 
-        self._functions.append(LOAD_FUNCTION(call))
-        return ctypes.cast(self._functions[-1], ctypes.c_void_p).value or 0
+        function, address = called_from_c(LOAD_SIGNATURE, call)
+        self._functions.append(function)
+        return address
 
 
 @inlined

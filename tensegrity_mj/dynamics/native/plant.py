@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import winch_work
 from tensegrity_mj.dynamics.native.curves import spent_since
 from tensegrity_mj.dynamics.native.elements import PackedElements
@@ -65,12 +64,6 @@ def write_row(table: int, stored: float, lost: float, external: float, row: Any)
     copy(plant.report, row[at + 3 + len(states) :])
 
 
-def break_times(scene: Scene) -> Array:
-    """When each string breaks (M,) [s], ∞ for never."""
-    times = {event.string: event.time for event in scene.breaks}
-    return np.array([times.get(string.name, np.inf) for string in scene.structure.strings], float)
-
-
 def _packed_curves(structure: Structure) -> dict[str, Any]:
     """The fields of a plant that have the strings' tension curves."""
     curves, M = structure.curves, len(structure.strings)
@@ -80,7 +73,6 @@ def _packed_curves(structure: Structure) -> dict[str, Any]:
     columns = (curves.starts, curves.tensions, curves.slopes, curves.energies)
     return {
         "curved": not curves.linear,
-        "piece_count": int(there.sum()),
         "pieces": np.stack([column[there] for column in columns], axis=1),
         "piece_ranges": np.stack([ends - counts, ends], axis=1).astype(np.int64),
         "yielding": bool(curves.yields.any()),
@@ -115,9 +107,6 @@ class Plant(Table):
         N, M, m = len(structure.nodes), len(structure.strings), len(scene.motions)
         self.scene, self.law, self.motions = scene, law, PackedMotions(scene.motions)
         self.set(
-            node_count=N,
-            string_count=M,
-            segment_count=len(structure.paths.nodes),
             rod_count=len(structure.rods),
             nodes=np.array(scene.nodes0),
             velocities=np.array(scene.velocities0),
@@ -132,7 +121,7 @@ class Plant(Table):
             clipped=structure.clipped.astype(np.int64),
             **_packed_curves(structure),
             breaking=len(scene.breaks),
-            break_times=break_times(scene),
+            break_times=np.array(scene.break_times),
             broken=np.zeros(M, np.int64),
             mode=_MODES[actuation.mode] if law.address else NO_LAW,
             law=law.address,
@@ -141,7 +130,6 @@ class Plant(Table):
             passive=on_infeasible is OnInfeasible.PASSIVE,
             report=np.full(REPORT_SIZE, np.nan),
             winch=np.zeros(3),
-            motion_count=m,
             motions=self.motions.address,
             moved=np.zeros((m, 3, 3)),
             watched=np.zeros((M, WATCHED_SIZE)),

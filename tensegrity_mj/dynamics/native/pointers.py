@@ -12,28 +12,22 @@ whose integers are addresses of float64 arrays: nodes and velocities (N, 3) in, 
 from __future__ import annotations
 
 import ctypes
+import functools
+import math
 from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import compiled, intrinsic
 
 LAW_SIGNATURE = "int64(float64, int64, int64, int64, int64, int64)"
 TIMED = "int64(float64, int64, int64, int64)"  # of elements, and of models that integrators call
-LAW_FUNCTION = ctypes.CFUNCTYPE(
-    ctypes.c_int64,
-    ctypes.c_double,
-    ctypes.c_int64,
-    ctypes.c_int64,
-    ctypes.c_int64,
-    ctypes.c_int64,
-    ctypes.c_int64,
-)
-LOAD_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64)
+LOAD_SIGNATURE = "int64(float64, int64)"
 
 
-def _viewer(dtype: np.dtype[Any]) -> Any:
-    """A compiled function (address, shape or length) -> array of this dtype, which owns nothing."""
+def reader_of(dtype: Any) -> Any:
+    """A compiled function (address, shape or length) -> array of this dtype, records or numbers, which owns nothing."""
 
     @intrinsic
     def view(typingctx: Any, address: Any, shape: Any) -> Any:
@@ -42,7 +36,7 @@ def _viewer(dtype: np.dtype[Any]) -> Any:
         from numba.core import cgutils
         from numba.np import arrayobj
 
-        kind = numba.from_dtype(dtype)
+        kind = numba.from_dtype(np.dtype(dtype))
         kinds = list(shape) if isinstance(shape, types.BaseTuple) else [shape]
         array_type = types.Array(kind, len(kinds), "C")
 
@@ -62,7 +56,7 @@ def _viewer(dtype: np.dtype[Any]) -> Any:
     return view
 
 
-floats, integers, octets = (_viewer(np.dtype(kind)) for kind in (np.float64, np.int64, np.uint8))
+floats, integers, octets = reader_of("f8"), reader_of("i8"), reader_of("u1")
 
 
 def call_by_address(parameters: str) -> Any:
@@ -159,16 +153,17 @@ inlined = compiled(_nrt=False, forceinline=True)
 owning = compiled(_nrt=True)
 
 
-def records_reader(dtype: np.dtype[Any]) -> Any:
-    """A compiled function (address, shape or length) -> record array of this dtype."""
-    return _viewer(dtype)
-
-
 @inlined
 def copy(source: Any, target: Any) -> None:
     """Copy a one-dimensional array into another of its length."""
     for i in range(len(source)):
         target[i] = source[i]
+
+
+@functools.lru_cache(128)  # threads come and go
+def array_at(address: int, *shape: int) -> Array:
+    """float64 at an address, for Python: an array that owns nothing."""
+    return np.ctypeslib.as_array((ctypes.c_double * math.prod(shape)).from_address(address)).reshape(shape)
 
 
 def address_of(array: np.ndarray[Any, Any]) -> int:

@@ -21,9 +21,9 @@ from tensegrity_mj.model.elements.resistance import (
     FluidResistance,
     NodalDamping,
     bending_joints,
-    diameters,
     nodal_damping,
 )
+from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 
 ROD = np.dtype(
@@ -36,8 +36,8 @@ ROD = np.dtype(
     align=True,
 )
 JOINT = np.dtype([("nodes", "i8", (3,)), ("inverse", "f8", (2,))], align=True)  # as `Joint`; 1/ℓ of its two rods
-Fluid, pack_rods = view_of("Fluid", count="size", rods=(ROD, "count"), wind=("f8", 3))
-Joints, pack_joints = view_of("Joints", count="size", joints=(JOINT, "count"), factor="real", damps="size")
+Fluid, pack_rods = view_of("Fluid", rods=(ROD, "count"), wind=("f8", 3))
+Joints, pack_joints = view_of("Joints", joints=(JOINT, "count"), factor="real", damps="size")
 
 
 def pack_fluid(element: FluidResistance, scene: Scene) -> NativeElement:
@@ -48,7 +48,7 @@ def pack_fluid(element: FluidResistance, scene: Scene) -> NativeElement:
     rods["nodes"] = structure.rod_nodes
     rods["viscous"] = resistance.viscous * lengths / 6
     if drag is not None:
-        surface = 0.5 * drag.density * diameters(structure, drag) * lengths
+        surface = 0.5 * drag.density * diameters(structure, drag.diameter) * lengths
         rods["normal"], rods["tangential"] = drag.normal * surface, np.pi * drag.tangential * surface
     packed = pack_rods(rods=rods, wind=np.array(resistance.wind, float))
     return NativeElement(act_fluid.address, packed.address, (packed,))

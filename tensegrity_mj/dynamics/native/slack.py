@@ -52,7 +52,6 @@ MARGIN, STRETCH, SPEED = 0, 1, 2  # of each string: [N], [m], [m/s]
 START, ABOVE, BELOW, NOW, BEFORE, CHORDS = range(6)
 Search, _pack_search = view_of(
     "Search",
-    count="size",
     strings=("f8", 6, 3, "count"),
     pulled=("b1", "count"),  # whether each string pulls at the start, and is slack there
     slack=("b1", "count"),
@@ -73,7 +72,7 @@ def search_of(count: int) -> Table:
     marks = np.zeros((2, count), np.bool_)
     strings = np.zeros((CHORDS + 1, 3, count))
     levels = np.zeros(count)
-    return _pack_search(count=count, strings=strings, pulled=marks[0], slack=marks[1], levels=levels, **numbers)
+    return _pack_search(strings=strings, pulled=marks[0], slack=marks[1], levels=levels, **numbers)
 
 
 @borrowing

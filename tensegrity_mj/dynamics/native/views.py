@@ -1,7 +1,7 @@
 """Tables of numbers and arrays that compiled code reads by named fields.
 
-    Spring, pack_spring = view_of("Spring", count="size", stiffness="real", places=("f8", "count", 3))
-    packed = pack_spring(count=2, stiffness=10.0, places=np.zeros((2, 3)))
+    Spring, pack_spring = view_of("Spring", stiffness="real", places=("f8", "count", 3))
+    packed = pack_spring(stiffness=10.0, places=np.zeros((2, 3)))
 
 and in compiled code, which gets `packed.address`,
 
@@ -9,7 +9,8 @@ and in compiled code, which gets `packed.address`,
     for k in range(spring.count):
         pull = times(-spring.stiffness, row_of(spring.places, k))
 
-`count` need not be given: sizes that are extents of arrays are taken from these.
+`count` is the number of rows of `places`: a size that is an extent of an array is a field of its own, in front of the
+first array that has it, and is that array's unless it is set.
 
 A table is int64 numbers: sizes, the bits of reals, and addresses of arrays. A view is its address and nothing else; its
 fields are resolved while it is compiled, and are read from where the table is. Compiled code may take the sizes and
@@ -20,7 +21,6 @@ to be taken once, before a loop. Reals and states may be written; an array set i
 from __future__ import annotations
 
 import functools
-import operator
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -40,18 +40,24 @@ Fields = tuple[tuple[str, Field], ...]
 _NUMBERS = {number: number for number in range(64)}  # that extents may be
 
 
+def fields_of(before: Fields = (), /, **more: Field) -> Fields:
+    """Fields behind those before, with the sizes that are extents of theirs and no field yet."""
+    found = dict(before)
+    for name, field in more.items():
+        if not isinstance(field, str):
+            extents = [extent for extent in field[1:] if isinstance(extent, str) and extent not in more]
+            found |= {extent: "size" for extent in extents if extent not in found}
+        found[name] = field
+    return tuple(found.items())
+
+
 @functools.cache
-def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, Any]]:
-    """Of each field by its name: place, kind ("" for an array), dtype, and what makes its shape of the sizes."""
+def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, tuple[Any, ...]]]:
+    """Of each field by its name: place, kind ("" for an array), dtype and extents."""
     return {
-        name: (place, field, None, None) if isinstance(field, str) else (place, "", np.dtype(field[0]), _shape(field))
+        name: (place, field, None, ()) if isinstance(field, str) else (place, "", np.dtype(field[0]), field[1:])
         for place, (name, field) in enumerate(fields)
     }
-
-
-def _shape(field: tuple[Any, ...]) -> Callable[[dict[Any, Any]], tuple[Any, ...]]:
-    extents = field[1:]
-    return operator.itemgetter(*extents) if len(extents) > 1 else lambda sizes: (sizes[extents[0]],)
 
 
 class Table:
@@ -68,8 +74,7 @@ class Table:
         self.table = np.zeros(len(fields), np.int64)
         self._reals = self.table.view(np.float64)
         self.arrays: dict[str, Any] = {}
-        # The whole numbers as they were set, and those among extents.
-        self._sizes: dict[Any, Any] = dict(_NUMBERS)
+        self.sizes: dict[Any, Any] = dict(_NUMBERS)  # the whole numbers as they were set, and those among extents
         self.address = address_of(self.table)
 
     def place(self, name: str) -> int:
@@ -84,25 +89,37 @@ class Table:
         return float(self._reals[place]) if kind == "real" else int(self.table[place])
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """Set a number, or where an array is: a C-ordered one of the field's dtype and shape, whose sizes are set."""
+        """As `set`, of one field."""
         self.set(**{name: value})
 
     def set(self, **values: Any) -> None:
-        """Set several fields, sizes before arrays."""
-        layout, sizes, table = self._layout, self._sizes, self.table
+        """Set several fields, sizes before arrays; a size that was never set is that of the first array with it.
+
+        An array is C-ordered, of the field's dtype and shape. A size or a state that is an address may be given as what
+        is there, a table or an array, which is kept alive.
+        """
+        layout, sizes, table = self._layout, self.sizes, self.table
         for name, value in values.items():
             place, kind, _, _ = layout[name]
             if kind == "real":
                 self._reals[place] = value
             elif kind:
+                if isinstance(value, Table | np.ndarray):
+                    self.arrays[name] = value
+                    value = address_of(value) if isinstance(value, np.ndarray) else value.address
                 table[place] = sizes[name] = value
         for name, value in values.items():
-            place, kind, dtype, shape_of = layout[name]
+            place, kind, dtype, extents = layout[name]
             if kind:
                 continue
-            if value.shape != shape_of(sizes) or (value.dtype is not dtype and value.dtype != dtype):
-                wanted = f"{dtype} {shape_of(sizes)}"
-                raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {wanted}")
+            shape = tuple(map(sizes.get, extents))
+            if None in shape:
+                for one, size in zip(extents, value.shape, strict=False):
+                    if one not in sizes:
+                        table[layout[one][0]] = sizes[one] = size
+                shape = tuple(map(sizes.get, extents))
+            if value.shape != shape or (value.dtype is not dtype and value.dtype != dtype):
+                raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {dtype} {shape}")
             self.arrays[name] = value
             table[place] = address_of(value)
 
@@ -111,23 +128,20 @@ class Table:
         given = other.table != 0
         self.table[given] = other.table[given]
         self.arrays |= other.arrays
-        self._sizes |= other._sizes
+        self.sizes |= other.sizes
 
 
 def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:
     """A view by its fields: a compiled function (address) -> view, and a function of the fields' values -> `Table`."""
-    given: Fields = tuple(fields.items())
+    given = fields_of(**fields)
 
     def pack(**values: Any) -> Table:
-        for key, field in fields.items():
-            if not isinstance(field, str) and key in values:
-                values[key] = np.ascontiguousarray(values[key], dtype=field[0])
-                for extent, size in zip(field[1:], values[key].shape, strict=True):
-                    if isinstance(extent, str):
-                        values.setdefault(extent, size)
-        assert values.keys() == fields.keys(), f"{name}: given {sorted(values)}"
+        for key, value in values.items():
+            if not isinstance(fields.get(key, ""), str):
+                values[key] = np.ascontiguousarray(value, dtype=fields[key][0])
         table = Table(name, given)
         table.set(**values)
+        assert values.keys() | table.sizes.keys() >= fields.keys(), f"{name}: given {sorted(values)}"
         return table
 
     return _viewer(name, given, True), pack

@@ -7,7 +7,6 @@ is a push: the string is slack instead. Recorded samples may miss both, so this 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,48 +56,28 @@ def _count(seen: Any, value: float, t: float, at: int) -> None:
     seen[at + LEAST] = min(seen[at + LEAST], value)
 
 
-@dataclass(frozen=True)
-class Impossible:
-    """Where a run's strings did what none can.
+def impossible(plant: Plant) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of a plant's run so far: rest lengths that are not above zero, and commanded force densities below it.
 
-    Attributes:
-        steps: how many, of the string with the most.
-        strings: their names, the first one first.
-        time: of the first of them [s].
-        least: the least value [m] or [N/m], of any of them.
+    Of each "steps", at how many, of the string with the most; "strings", their names, the first one first; "first_time"
+    [s]; "least", the least value [m] or [N/m] of any. See `NONE`.
     """
-
-    steps: int = 0
-    strings: tuple[str, ...] = ()
-    time: float | None = None
-    least: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for reports."""
-        return {
-            "steps": self.steps,
-            "strings": sorted(self.strings),
-            "first_time": self.time,
-            "least": self.least,
-        }
-
-
-def impossible(plant: Plant) -> tuple[Impossible, Impossible]:
-    """Of a plant's run so far: rest lengths that are not above zero, and commanded force densities below it."""
     names = [string.name for string in plant.scene.structure.strings]
     seen = plant["watched"]
-    rest, pushed = (_found(names, seen[:, at : at + PUSH]) for at in (0, PUSH))
-    return rest, pushed
+    return _found(names, seen[:, :PUSH]), _found(names, seen[:, PUSH:])
 
 
-def _found(names: list[str], seen: Array) -> Impossible:
+NONE: dict[str, Any] = {"steps": 0, "strings": [], "first_time": None, "least": None}
+
+
+def _found(names: list[str], seen: Array) -> dict[str, Any]:
     rows = np.flatnonzero(seen[:, STEPS])
     if not len(rows):
-        return Impossible()
+        return NONE
     rows = rows[np.argsort(seen[rows, FIRST], kind="stable")]
-    return Impossible(
-        int(seen[rows, STEPS].max()),
-        tuple(names[row] for row in rows),
-        float(seen[rows[0], FIRST]),
-        float(seen[rows, LEAST].min()),
-    )
+    return {
+        "steps": int(seen[rows, STEPS].max()),
+        "strings": [names[row] for row in rows],
+        "first_time": float(seen[rows[0], FIRST]),
+        "least": float(seen[rows, LEAST].min()),
+    }

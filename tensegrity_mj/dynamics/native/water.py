@@ -11,7 +11,7 @@ from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, Motion, NativeElement
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, add, dot, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.model.elements.water import (
     ANGLE_WEIGHTS,
@@ -22,10 +22,10 @@ from tensegrity_mj.model.elements.water import (
     NEARLY_LEVEL,
     Water,
     Weights,
-    diameters,
     sea_of,
 )
 from tensegrity_mj.model.elements.waves import AboveLevel
+from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 
 ROD = np.dtype(
@@ -44,9 +44,7 @@ WAVE = np.dtype(
 )  # whole: 1 - e^{-2kh}
 Sea, pack = view_of(
     "Sea",
-    count="size",
     rods=(ROD, "count"),
-    wave_count="size",
     waves=(WAVE, "wave_count"),
     segments="size",
     hermite="size",
@@ -66,7 +64,7 @@ def packed_sea(scene: Scene) -> Table:
     strings = np.zeros((0, 2), int) if water.string_diameter is None else structure.paths.nodes
     R, count = len(structure.rods), scene.water_segments.count
     rods = np.zeros(R + len(strings), ROD)
-    d = np.concatenate([diameters(structure, water), np.full(len(strings), water.string_diameter or 0.0)])
+    d = np.concatenate([diameters(structure, water.diameter), np.full(len(strings), water.string_diameter or 0.0)])
     length = np.concatenate([structure.rod_lengths, np.ones(len(strings))]) / count
     rods["nodes"], rods["half"] = np.concatenate([structure.rod_nodes, strings]), 0.5 * d
     rods["mass"][:R] = water.density * np.pi * d[:R] ** 2 / 4 * length[:R]
@@ -231,9 +229,8 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, add
             added[r, 1] += a12
             added[r, 2] += a21
             added[r, 3] += a22
-        for x in range(3):
-            forces[i, x] += first[x]
-            forces[j, x] += second[x]
+        add(forces, i, first)
+        add(forces, j, second)
 
 
 @c_function(ACT_SIGNATURE, "water and waves")

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
 from tensegrity_mj.runs.convergence import (
     SAFETY,
     Estimate,
@@ -31,6 +32,7 @@ TOLERANCES = 30.0  # the same of tolerances
 STRIKES = 5  # differences in a row that do not settle, until a ladder is given up
 FAILURES = 10  # runs in a row that diverge
 LEAST_TOLERANCE = 3e-14
+ATOL = 1e-2  # of rtol
 AS_ONE = 1e-9  # relative, of steps
 FIRST_STEP = "first_step_error"  # in a run's reports [m]: what its first step is wrong by, where differences hide it
 
@@ -51,13 +53,20 @@ class Rung:
     evaluations: float
     failure: TensegrityError | None = None
 
+    @property
+    def cost(self) -> dict[str, float]:
+        """Of the run; of what there was of it before it failed."""
+        run = self.run if self.run is not None else getattr(self.failure, "trajectory", None)
+        return {} if run is None else dict(run.cost)
+
 
 @dataclass
 class Ladder:
-    """The runs of one method so far.
+    """The runs of one method so far, and how the next is made.
 
     Attributes:
         name: of the method.
+        run: from a setting to a run.
         order: on smooth motion; 0 for a method that controls its error by a tolerance.
         first: the coarsest setting.
         growth: its cost grows as setting^-growth.
@@ -72,6 +81,7 @@ class Ladder:
     """
 
     name: str
+    run: Callable[[float], Trajectory]
     order: int
     first: float
     growth: float
@@ -103,6 +113,27 @@ class Ladder:
         """The runs since the last that failed."""
         failed = [number for number, rung in enumerate(self.rungs) if rung.run is None]
         return self.rungs[failed[-1] + 1 :] if failed else self.rungs
+
+    def words(self, setting: float) -> dict[str, Any]:
+        """An engine's options that a setting stands for, for reports."""
+        if not self.order:
+            return {"rtol": setting, "atol": ATOL * setting}
+        return {"timestep": setting, **({"locate_slack": True} if self.located else {})}
+
+    def climb(self, setting: float) -> Rung:
+        """A new run; what stops it is kept too."""
+        try:
+            run = self.run(setting)
+        except TensegrityError as error:
+            # A law that fails may do so because the step was too coarse; what is refused is refused at any step.
+            if not isinstance(error, (DivergenceError, ControllerError)):
+                self.dead = str(error)
+            partial = getattr(error, "trajectory", None)
+            rung = Rung(setting, None, partial.cost["evaluations"] if partial is not None else 0.0, error)
+        else:
+            rung = Rung(setting, run, run.cost["evaluations"])
+        self.add(rung)
+        return rung
 
     def add(self, rung: Rung) -> None:
         """A new run, finer than all before."""

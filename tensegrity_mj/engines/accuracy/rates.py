@@ -16,8 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.model.elements.elastic_rods import Bars
-from tensegrity_mj.model.rods import centers_and_moments, own_masses
+from tensegrity_mj.model.rods import Bars, centers_and_moments, own_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import tension
 from tensegrity_mj.model.structure import Structure

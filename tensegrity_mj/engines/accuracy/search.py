@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from tensegrity_mj.engines.accuracy.ladder import FIRST_STEP, HALF, STRIKES, Lad
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.convergence import ROUND_OFF
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -31,22 +31,7 @@ ROOM = 0.75  # of the coarsest step that the start allows: rates change along a 
 MOST_EVALUATIONS = 4e7  # minutes, where one takes some microseconds
 
 
-@dataclass(frozen=True)
-class Way:
-    """A method to compute the run with: its ladder, and how a run is made.
-
-    Attributes:
-        ladder: see there.
-        run: from a request and a setting to a run.
-        words: of a setting, for reports.
-    """
-
-    ladder: Ladder
-    run: Callable[[float], Trajectory]
-    words: Callable[[float], dict[str, Any]]
-
-
-def fixed_step_way(
+def fixed_steps(
     name: str,
     order: int,
     evaluations: int,
@@ -55,8 +40,8 @@ def fixed_step_way(
     request: Request,
     make: Callable[[float, Request], Trajectory],
     located: bool = False,
-) -> Way:
-    """A method of fixed steps.
+) -> Ladder:
+    """The ladder of a method of fixed steps.
 
     Args:
         name, order: of the method.
@@ -70,24 +55,22 @@ def fixed_step_way(
     steps = Steps.of(request, ROOM * HALF * resolving(start))
 
     def run(step: float) -> Trajectory:
-        k = steps.divisions(step)
-        made = make(steps.step(k), replace(request, output_interval=steps.recorded_each(k)))
-        return _with_first_step(made, steps.step(k), request, make) if located else made
+        made = make(step, replace(request, output_interval=steps.recorded_each(step)))
+        return _with_first_step(made, step, request, make) if located else made
 
-    ladder = Ladder(
+    return Ladder(
         name=name,
+        run=run,
         order=order,
         first=steps.unit,
         growth=1.0,
-        first_cost=evaluations * steps.count(1),
-        fit=lambda step: steps.step(steps.divisions(step)),
+        first_cost=evaluations * steps.count,
+        fit=steps.fit,
         floor=round_off(request),
         least=LEAST_STEP * request.duration,
         resolving=lambda run: resolving(rates_along(run, request)),
         located=located,
     )
-    split = {"locate_slack": True} if located else {}
-    return Way(ladder, run, lambda step: {"timestep": steps.step(steps.divisions(step)), **split})
 
 
 def _with_first_step(run: Trajectory, step: float, request: Request, make: Callable[..., Trajectory]) -> Trajectory:
@@ -130,59 +113,57 @@ def round_off(request: Request) -> float:
     return ROUND_OFF * float(np.max(np.abs(request.scene.nodes0), initial=1e-300))
 
 
-def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
+def find(accuracy: float, ladders: Sequence[Ladder], request: Request) -> Trajectory:
     """The run that has the accuracy, or the best that could be made, with what it says about itself.
 
     Raises:
         OptionError: where the coarsest run that shows anything would take too many evaluations.
         TensegrityError: what every method's finest run raised, where none could be made.
     """
-    tried: list[tuple[Way, Rung]] = []
+    tried: list[tuple[Ladder, Rung]] = []
     reason = ""
-    found: Way | None = None
+    found: Ladder | None = None
     while found is None:
-        plans = [
-            (way.ladder.spent + way.ladder.next()[1], number) for number, way in enumerate(ways) if not way.ladder.dead
-        ]
+        plans = [(one.spent + one.next()[1], number) for number, one in enumerate(ladders) if not one.dead]
         if not plans:
             break
         cost, number = min(plans)
-        way = ways[number]
+        ladder = ladders[number]
         spent = math.fsum(rung.evaluations for _, rung in tried)
-        setting = way.ladder.next()[0]
-        if way.ladder.rungs and setting >= way.ladder.rungs[-1].setting * (1 - 1e-12):
-            way.ladder.dead = f"{way.ladder.name} can go no finer"
+        setting = ladder.next()[0]
+        if ladder.rungs and setting >= ladder.rungs[-1].setting * (1 - 1e-12):
+            ladder.dead = f"{ladder.name} can go no finer"
             continue
-        if spent + cost - way.ladder.spent > MOST_EVALUATIONS:
+        if spent + cost - ladder.spent > MOST_EVALUATIONS:
             reason = (
                 f"{accuracy:g} m would take more than the {MOST_EVALUATIONS:g} evaluations that are allowed; request "
                 "less, or shorten the run"
             )
             break
-        rung = _climb(way, setting)
-        if way.ladder.strikes >= STRIKES:
+        rung = ladder.climb(setting)
+        if ladder.strikes >= STRIKES:
             # What does not settle for a good method does not for a worse one, which would take long to find out.
-            for other in ways:
-                if other.ladder.rank < way.ladder.rank:
-                    other.ladder.dead = other.ladder.dead or f"{way.ladder.name} did not settle"
-        tried.append((way, rung))
-        estimate = way.ladder.estimate
+            for other in ladders:
+                if other.rank < ladder.rank:
+                    other.dead = other.dead or f"{ladder.name} did not settle"
+        tried.append((ladder, rung))
+        estimate = ladder.estimate
         if rung.run is None or estimate is None:
             continue
         # A run that stops for lack of a solution has no more to give, however fine; near a pole of the ODE, shorter
         # fixed steps may pass.
-        ended = rung.run.status is Status.INFEASIBLE or (rung.run.status is Status.SINGULAR and not way.ladder.order)
-        sound = estimate.settled or (way.ladder.resolved and ended)
+        ended = rung.run.status is Status.INFEASIBLE or (rung.run.status is Status.SINGULAR and not ladder.order)
+        sound = estimate.settled or (ladder.resolved and ended)
         if sound and estimate.value <= accuracy:
-            found = way
-        elif way.ladder.exhausted:
-            way.ladder.dead = f"{estimate.reason}, and finer steps would not lessen it"
-    return _reported(accuracy, found or _best(ways, tried, request), tried, reason)
+            found = ladder
+        elif ladder.exhausted:
+            ladder.dead = f"{estimate.reason}, and finer steps would not lessen it"
+    return _reported(accuracy, found or _best(ladders, tried, request), tried, reason)
 
 
-def _best(ways: Sequence[Way], tried: Sequence[tuple[Way, Rung]], request: Request) -> Way:
-    """The way of the least estimate, where none is good enough."""
-    made = [(way.ladder.estimate, way) for way in ways if way.ladder.good]
+def _best(ladders: Sequence[Ladder], tried: Sequence[tuple[Ladder, Rung]], request: Request) -> Ladder:
+    """The ladder of the least estimate, where none is good enough."""
+    made = [(one.estimate, one) for one in ladders if one.good]
     known = [
         (not estimate.settled, estimate.value, number)
         for number, (estimate, _) in enumerate(made)
@@ -200,25 +181,8 @@ def _best(ways: Sequence[Way], tried: Sequence[tuple[Way, Rung]], request: Reque
     )
 
 
-def _climb(way: Way, setting: float) -> Rung:
-    """One run, kept by its ladder; what stops it is kept too."""
-    try:
-        run = way.run(setting)
-    except TensegrityError as error:
-        # A law that fails may do so because the step was too coarse; what is refused is refused at any step.
-        if not isinstance(error, (DivergenceError, ControllerError)):
-            way.ladder.dead = str(error)
-        partial = getattr(error, "trajectory", None)
-        rung = Rung(setting, None, partial.cost["evaluations"] if partial is not None else 0.0, error)
-    else:
-        rung = Rung(setting, run, run.cost["evaluations"])
-    way.ladder.add(rung)
-    return rung
-
-
-def _reported(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason: str) -> Trajectory:
-    """The finest run of the way that was found, with the report on its accuracy and the cost of all runs."""
-    ladder = found.ladder
+def _reported(accuracy: float, ladder: Ladder, tried: Sequence[tuple[Ladder, Rung]], reason: str) -> Trajectory:
+    """The finest run of the ladder that was found, with the report on its accuracy and the cost of all runs."""
     last = ladder.good[-1]
     run, estimate = last.run, ladder.estimate
     assert run is not None
@@ -230,15 +194,15 @@ def _reported(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], re
         why = "; ".join(dict.fromkeys(part for part in (why, reason or ladder.dead) if part))
     total: dict[str, float] = {"runs": len(tried)}
     for name in ("wall_time", "steps", "evaluations"):
-        total[name] = sum(_cost(rung).get(name, 0) for _, rung in tried)
+        total[name] = sum(rung.cost.get(name, 0) for _, rung in tried)
     run.reports["accuracy"] = {
         "requested": accuracy,
         "error_estimate": value,
         "settled": settled,
         "met": met,
         "reason": why,
-        "chosen": {"method": ladder.name, **found.words(last.setting)},
-        "tried": [_row(way, rung) for way, rung in tried],
+        "chosen": {"method": ladder.name, **ladder.words(last.setting)},
+        "tried": [_row(*one) for one in tried],
         "total_cost": total,
     }
     if not settled:
@@ -252,22 +216,16 @@ def _reported(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], re
     return replace(run, cost=cost, provenance=provenance, engine=f"{run.engine}, chosen for {accuracy:g} m")
 
 
-def _row(way: Way, rung: Rung) -> dict[str, Any]:
+def _row(ladder: Ladder, rung: Rung) -> dict[str, Any]:
     """What is reported of one run: its setting, its cost, its difference to the coarser run before it [m]."""
-    good = way.ladder.good
+    good = ladder.good
     number = next((index for index, one in enumerate(good) if one is rung), 0)
-    offset = len(good) - len(way.ladder.differences)
+    offset = len(good) - len(ladder.differences)
     return {
-        "method": way.ladder.name,
-        **way.words(rung.setting),
-        "steps": _cost(rung).get("steps", 0),
-        "evaluations": _cost(rung).get("evaluations", 0),
-        "difference": way.ladder.differences[number - offset] if number >= offset and len(good) > 1 else None,
+        "method": ladder.name,
+        **ladder.words(rung.setting),
+        "steps": rung.cost.get("steps", 0),
+        "evaluations": rung.cost.get("evaluations", 0),
+        "difference": ladder.differences[number - offset] if number >= offset and len(good) > 1 else None,
         "failure": "" if rung.failure is None else str(rung.failure),
     }
-
-
-def _cost(rung: Rung) -> dict[str, float]:
-    """Of a run; of what there was of it before it failed."""
-    run = rung.run if rung.run is not None else getattr(rung.failure, "trajectory", None)
-    return {} if run is None else dict(run.cost)

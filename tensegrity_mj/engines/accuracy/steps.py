@@ -22,12 +22,12 @@ class Steps:
     Attributes:
         unit: [s], the coarsest. A finer run records all times that a coarser one does, so that what is wrong for a
             moment only is compared too.
-        duration: [s].
+        count: of steps of that length in the run.
         interval: [s] between samples where the caller requested it, or None.
     """
 
     unit: float
-    duration: float
+    count: int
     interval: float | None
 
     @classmethod
@@ -40,40 +40,28 @@ class Steps:
         Raises:
             OptionError: where duration, output interval, control period and breaks have no common divisor.
         """
-        times = {"duration": request.duration}
-        if request.output_interval is not None:
-            times["output interval"] = request.output_interval
-        if request.sampled:
-            assert request.actuation.period is not None
-            times["control period"] = request.actuation.period
-        times |= {f"break of '{e.string}'": e.time for e in request.scene.breaks if 0 < e.time < request.duration}
+        times = request.intervals
         base = common_divisor(list(times.values()), request.duration)
         if base is None:
             shown = ", ".join(f"{name} {value:.12g} s" for name, value in times.items())
             raise OptionError(f"accuracy: no step divides all of {shown}; use round numbers")
         most = min(COARSEST, request.duration / FEWEST_STEPS, longest)
-        return cls(base / max(1, math.ceil(base / most * (1 - AS_ONE))), request.duration, request.output_interval)
+        unit = base / max(1, math.ceil(base / most * (1 - AS_ONE)))
+        return cls(unit, round(request.duration / unit), request.output_interval)
 
-    def step(self, k: int) -> float:
-        """[s]."""
-        return self.unit / k
+    def fit(self, step: float) -> float:
+        """The coarsest of them that is not coarser than this one [s]."""
+        return self.unit / _power_of_two(self.unit / step)
 
-    def count(self, k: int) -> int:
-        """Of the whole run."""
-        return round(self.duration / self.unit) * k
-
-    def divisions(self, step: float) -> int:
-        """k of the coarsest step that is not coarser than this one [s]."""
-        return _power_of_two(self.unit / step)
-
-    def recorded_each(self, k: int) -> float:
-        """[s] between samples of the run with unit / k: 0.005 to 0.01 s, a step at least, and multiples of unit hit."""
+    def recorded_each(self, step: float) -> float:
+        """[s] between samples of its run: 0.005 to 0.01 s, a step at least, and multiples of unit hit."""
         if self.interval is not None:
             return self.interval
         if self.unit <= DEFAULT_INTERVAL:
             # Samples are counted from 0, and the unit divides the duration.
             return self.unit * math.floor(DEFAULT_INTERVAL / self.unit * (1 + AS_ONE))
-        return self.step(k) * (k // min(k, _power_of_two(self.unit / DEFAULT_INTERVAL)))
+        k = _power_of_two(self.unit / step)
+        return step * (k // min(k, _power_of_two(self.unit / DEFAULT_INTERVAL)))
 
 
 def _power_of_two(least: float) -> int:

@@ -7,6 +7,7 @@ are arrays without a batch, or with it last. Functions are called within `jax.ji
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -70,8 +71,31 @@ def incidence(pairs: IntArray, count: int) -> Any:
 
 
 def times(matrix: Any, vectors: Any) -> Any:
-    """A matrix (A, N) times vectors (N, 3, ...) -> (A, 3, ...), with all 32 bits on GPUs, too."""
-    return jax.numpy.tensordot(matrix, vectors, 1, precision="highest")
+    """A matrix (A..., N) times arrays (N, ...) -> (A..., ...), with all 32 bits on GPUs, too.
+
+    It is a product of two matrices, and so backwards: with more dimensions XLA rearranges all arrays there.
+    """
+    (*first, size), (_, *last) = matrix.shape, vectors.shape
+    rows, columns = matrix.reshape(math.prod(first), size), vectors.reshape(size, math.prod(last))
+    return jax.numpy.matmul(rows, columns, precision="highest").reshape(*first, *last)
+
+
+def settled(array: Any) -> Any:
+    """An array (A, ...) times the unit matrix, where it has batches: what depends on it, either way, takes it as it is.
+
+    XLA for CPUs repeats what leads to an array in each of its users, sines as well, but not a product of matrices.
+    """
+    return times(np.eye(len(array)), array) if array.ndim > 1 else array
+
+
+def derivatives(function: Callable[[Any], Any], t: Any) -> tuple[Any, Any, Any]:
+    """A function of time, its rate and its acceleration, at a time."""
+    t = jax.numpy.asarray(t, float)
+
+    def rate(t: Any) -> Any:
+        return jax.jvp(function, (t,), (jax.numpy.ones_like(t),))[1]
+
+    return function(t), *jax.jvp(rate, (t,), (jax.numpy.ones_like(t),))
 
 
 def norm(vectors: Any, axis: int = 1) -> Any:

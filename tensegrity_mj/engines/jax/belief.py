@@ -1,10 +1,16 @@
-"""What a law believes it controls, as array functions: how rods and masses move without strings, and answer forces."""
+"""What a law believes it controls, as array functions: where rods and masses are, are to be, and how forces move them.
+
+A law demands something of g·a, a being the nodes' accelerations, which is linear in the force densities. With h = Aᵀ g
+for a = A F + (what velocities alone do), the forces F of strings and all else do the work h·F, so that one system of
+equations, of the rods' constraints under g in place of forces, says all that a law wants to know of its model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -20,53 +26,64 @@ class Belief:
 
     Attributes:
         parameters: `gravity` (3,), `effects` and `target`, see `array_target`.
-        points: (P, N), times nodes: r of the rods, behind them the point masses.
-        bases: (P, 3, 3), whose columns are the directions that these are free to move in, behind them zeros.
-        sizes: (P,) how many.
-        spans: (R, N), times nodes: from each rod's first node to its second.
-        aim: (p, t) -> r_d (P, 3, ...) [m] and b_d (R, 3, ...), for the parameter `target`.
+        sizes: (P,) in how many directions the points of the rods, and behind them the point masses, are free to move.
+        aim: (p, t) -> the `places` (P + R, 3, ...) that are aimed at, for the parameter `target`.
     """
 
     def __init__(self, law: Any) -> None:
         self._model = Model(law.model, array_effects(law.model), None, Actuation.continuous(), 0.0)
         self._at = self._model.prepare(self._model.parameters)
-        self.strings, structure = self._model.strings, law.structure
-        lone = [structure.node_index[point.node] for point in structure.lone_masses]
-        sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
-        self.spans = incidence(structure.rod_nodes, len(structure.nodes))
-        one = np.eye(len(structure.nodes))
-        self.points = np.concatenate([one[structure.rod_nodes[:, 0]] + sigma * self.spans, one[lone]])
-        held = [rod.support.translation_basis for rod in structure.rods]
-        held += [point.translation_basis for point in structure.lone_masses]
-        self.sizes = np.array([E.shape[1] for E in held])
-        self.bases = np.array([np.pad(E, ((0, 0), (0, 3 - E.shape[1]))) for E in held]).reshape(-1, 3, 3)
-        target, self.aim = array_target(law.target, self.points, self.spans)
+        structure = law.structure
+        spans, one = incidence(structure.rod_nodes, len(structure.nodes)), np.eye(len(structure.nodes))
+        sigma = np.array([rod.support.sigma for rod in structure.rods]).reshape(-1, 1)
+        points = list(one[structure.rod_nodes[:, 0]] + sigma * spans)
+        bases = [rod.support.translation_basis for rod in structure.rods]
+        for point in structure.lone_masses:
+            points.append(one[structure.node_index[point.node]])
+            bases.append(point.translation_basis)
+        self.sizes = np.array([E.shape[1] for E in bases])
+        rows = [np.kron(row, np.pad(E, ((0, 0), (0, 3 - E.shape[1]))).T) for row, E in zip(points, bases, strict=True)]
+        self._rows = np.concatenate([*rows, np.kron(spans / structure.rod_lengths[:, None], np.eye(3))])
+        target, self.aim = array_target(law.target, self.places, len(bases))
         self.parameters = {"target": target, **{name: self._model.parameters[name] for name in ("gravity", "effects")}}
 
-    def motion(self, p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Callable[[Any], Any]]:
-        """Accelerations (N, 3, ...) without strings, and the symmetric function of forces that adds to them."""
+    def places(self, nodes: Any) -> Any:
+        """(P + R, 3, ...) of nodes (N, 3, ...): z of points, along the directions that they are free to move in, behind
+        them zeros; and the unit vectors b of the rods."""
+        flat = times(self._rows, nodes.reshape(-1, *nodes.shape[2:]))
+        return flat.reshape(-1, 3, *nodes.shape[2:])
+
+    def motion(self, p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Callable[[Any], tuple[Any, Any]]]:
+        """The strings' lengths (M, ...), and a function of weights g (P + R, 3, ...) of the places' accelerations a.
+
+        It gives g·a (...) without strings, and what force densities of one add to that, (M, ...).
+        """
         own = {name: p[name] for name in ("gravity", "effects")}
         at = Prepared({**self._at.parameters, **own}, self._at.mobility)
-        system = self._model.system
-        y, rates, still = times(system.fit, x), times(system.fit, v), system.prescribed(t)[2]
+        system, strings = self._model.system, self._model.strings
+        y, rates = times(system.fit, x), times(system.fit, v)
         mobility = self._model.mobility(at, t, x)
-
-        def accelerate(rates: Any, forces: Any) -> Any:
-            return times(system.maps, system.accelerate(mobility, y, rates, forces, still)[0])
-
         weight = lifted(mobility.mass @ system.shifted, x[:, 0])[:, None] * lifted(p["gravity"], x[0])
-        known = times(system.maps.T, self._model.acting(at, t, x, v)[0])
-        return accelerate(rates, weight + known), lambda forces: accelerate(
-            jnp.zeros_like(rates), times(system.maps.T, forces)
-        )
+        forces = times(system.maps.T, self._model.acting(at, t, x, v)[0]) + weight
+        turning = system.inner(*[times(system.spans, rates)] * 2)
+        lengths, _, units = strings.measure(x, v)
+        backwards, still = mobility.transposed, system.prescribed(t)[2]
+        of_vectors = self._rows @ np.kron(system.maps, np.eye(3))
+
+        def along(g: Any) -> tuple[Any, Any]:
+            pull = times(of_vectors.T, g.reshape(-1, *g.shape[2:])).reshape(y.shape)
+            h, mu, _ = system.accelerate(backwards, y, jnp.zeros_like(y), pull, still)
+            (work,) = jax.linear_transpose(lambda T: strings.pull(units, T), lengths)(times(system.maps, h))
+            return jnp.sum(h * forces, axis=(0, 1)) - jnp.sum(mu * turning, axis=0), lengths * work
+
+        return lengths, along
 
 
 def ceilings(limits: Any, lengths: Any) -> Any:
     """The largest force densities (M, ...), min(u_max, max(k (1 - L0_min/L), 0)), of a law's `StringLimits`."""
-    highest, shortest = limits.max_force_density, limits.min_rest_length
-    of_state = np.isfinite(shortest)
-    by_length = lifted(limits.structure.stiffness, lengths) * (
-        1.0 - lifted(np.where(of_state, shortest, 0.0), lengths) / lengths
+    highest, shortest, k = (
+        lifted(one, lengths) for one in (limits.max_force_density, limits.min_rest_length, limits.structure.stiffness)
     )
-    by_length = jnp.where(lifted(of_state, lengths), jnp.maximum(by_length, 0.0), jnp.inf)
-    return jnp.minimum(lifted(highest, lengths), by_length)
+    of_state = jnp.isfinite(shortest)
+    by_length = jnp.maximum(k * (1.0 - jnp.where(of_state, shortest, 0.0) / lengths), 0.0)
+    return jnp.minimum(highest, jnp.where(of_state, by_length, jnp.inf))

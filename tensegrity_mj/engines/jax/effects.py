@@ -27,9 +27,9 @@ from tensegrity_mj.model.elements.resistance import (
     FluidResistance,
     NodalDamping,
     bending_joints,
-    diameters,
     nodal_damping,
 )
+from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 
 
@@ -110,7 +110,7 @@ def fluid_resistance(element: FluidResistance, scene: Scene) -> ArrayEffect:
     drag = resistance.drag
     if drag is not None:
         parameters["drag"] = {"normal": drag.normal, "tangential": drag.tangential, "density": drag.density}
-        parameters["drag"]["diameter"] = diameters(structure, drag)
+        parameters["drag"]["diameter"] = diameters(structure, drag.diameter)
 
     def slips(p: Any, v: Any) -> tuple[Any, Any]:
         wind = lifted(p["wind"], v[0])

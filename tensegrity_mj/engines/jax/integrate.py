@@ -74,13 +74,15 @@ class FixedSteps:
     ) -> Advanced:
         """So many rows of so many steps from number `first` on.
 
-        Derivatives backwards keep the states of rows alone, and take the steps of one row at a time again.
+        Derivatives backwards keep the state of every step, and take each again: what a step has in between is
+        some hundred small arrays, which take longer to keep than to find again.
         """
         (rows, stride), h, ratio = kind, self.grid.step, self.grid.ratio
 
         def whole_at(number: Any) -> Any:
             return model.whole if self.breaks is None else (self.breaks > number).astype(float)
 
+        @jax.checkpoint
         def take(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], None]:
             state, held = carry
             t, whole = (number + 1) * h, whole_at(number + 1)
@@ -92,7 +94,6 @@ class FixedSteps:
                 state, held = jax.lax.cond((number + 1) % ratio == 0, again, lambda pair: pair, (state, held))
             return (state, held), None
 
-        @jax.checkpoint
         def row(carry: tuple[State, Held], number: Any) -> tuple[tuple[State, Held], tuple[State, Held]]:
             carry, _ = jax.lax.scan(take, carry, number + jnp.arange(stride))
             return carry, carry

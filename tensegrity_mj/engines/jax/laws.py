@@ -8,7 +8,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command, Report
 from tensegrity_mj.engines.jax.arrays import ArrayLaw, lifted, times
 from tensegrity_mj.engines.jax.strings import Strings
@@ -44,21 +43,9 @@ def array_law(law: Any, structure: Structure) -> ArrayLaw:
     return _spread(found, structure) if structure.ropes else found
 
 
-def program_law(law: Any, structure: Structure) -> ArrayLaw:
-    """A program of rest lengths; its parameter `coefficients` (T, M, 4) are those of cubics, highest power first."""
-    return _of_time(law.times, law.coefficients, law.command)
-
-
-def replay_law(law: Any, structure: Structure) -> ArrayLaw:
-    """A recording, held or a spline; its parameter is as `program_law`'s."""
-    if law.held:
-        return _of_time(law.times, np.pad(law.values[:, :, None], ((0, 0), (0, 0), (3, 0))), law.command)
-    return _of_time(law.times, np.moveaxis(law.spline.c, 0, -1), law.command)
-
-
-def _of_time(times_of: Array, coefficients: Array, command: Command) -> ArrayLaw:
-    """Polynomials (T, M, 4) in the time since each of the times (T,) [s], highest power first, of no state."""
-    moments, last = jnp.asarray(times_of), len(coefficients) - 1
+def cubic_law(law: Any, structure: Structure) -> ArrayLaw:
+    """A program or a recording, of no state; its parameter `coefficients` (T, M, 4) is that of its `Cubics`."""
+    moments, last = jnp.asarray(law.times), len(law.coefficients) - 1
 
     def of(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
         # A hair beyond a time counts as at it: samples and times differ by round-off.
@@ -68,7 +55,7 @@ def _of_time(times_of: Array, coefficients: Array, command: Command) -> ArrayLaw
         batch = x.shape[2:]
         return lifted(value, x[:, 0]) + jnp.zeros(batch), jnp.full((len(Report), *batch), jnp.nan)
 
-    return ArrayLaw({"coefficients": np.array(coefficients)}, of, command is Command.REST_LENGTH)
+    return ArrayLaw({"coefficients": np.array(law.coefficients)}, of, law.command is Command.REST_LENGTH)
 
 
 def _spread(law: ArrayLaw, structure: Structure) -> ArrayLaw:

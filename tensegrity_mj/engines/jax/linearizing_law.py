@@ -15,7 +15,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Report, check_made_for
-from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, mapped, norm, times
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, derivatives, mapped, norm
 from tensegrity_mj.engines.jax.belief import Belief, ceilings
 from tensegrity_mj.engines.jax.quadratic_program import least_cost
 from tensegrity_mj.errors import OptionError
@@ -48,7 +48,7 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
             "solution (WhenInfeasible.STOP): there are no derivatives beyond"
         )
     belief = Belief(law)
-    coordinates = Coordinates(law.structure, belief.bases)
+    coordinates = Coordinates(law.structure, belief.sizes)
     limits, rows, M = allocator.limits, allocator.sum_rows, len(structure.strings)
     parameters = {
         "natural_frequency": np.array(law.natural_frequency, float),
@@ -59,32 +59,21 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
         **belief.parameters,
     }
 
-    def of_nodes(x: Any) -> tuple[Any, Any]:
-        return coordinates(times(belief.points, x), times(belief.spans, x))
+    def q_of(places: Any) -> Any:
+        return coordinates(places)[0]
 
     def command(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        t = jnp.asarray(t, float)
-        free, answer = belief.motion(p, t, x, v)
-
-        def rate(x: Any, v: Any) -> Any:
-            return jax.jvp(lambda x: of_nodes(x)[0], (x,), (v,))[1]
-
-        def aim(t: Any) -> Any:
-            return coordinates(*belief.aim(p["target"], t))[0]
-
-        def aim_rate(t: Any) -> Any:
-            return jax.jvp(aim, (t,), (jnp.ones_like(t),))[1]
-
-        (q, sine), (q_d, sine_d) = of_nodes(x), coordinates(*belief.aim(p["target"], t))
-        q_rate, q_free = jax.jvp(rate, (x, v), (v, free))
-        rate_d, acceleration_d = jax.jvp(aim_rate, (t,), (jnp.ones_like(t),))
+        t, places, rates = jnp.asarray(t, float), belief.places(x), belief.places(v)
+        (q, sine), (q_d, sine_d) = coordinates(places), coordinates(belief.aim(p["target"], t))
+        _, q_rate, curved = derivatives(lambda s: q_of(places + s * rates), 0.0)
+        _, rate_d, acceleration_d = derivatives(lambda t: q_of(belief.aim(p["target"], t)), t)
         e = q - q_d
         e = jnp.where(coordinates.turns, e - 2 * jnp.pi * jnp.round(jax.lax.stop_gradient(e) / (2 * jnp.pi)), e)
         omega = p["natural_frequency"]
-        d = acceleration_d - 2 * p["damping"] * omega * (q_rate - rate_d) - omega**2 * e - q_free
+        lengths, along = belief.motion(p, t, x, v)
+        drift, A = jax.vmap(along)(jax.jacrev(q_of)(places))
+        d = acceleration_d - 2 * p["damping"] * omega * (q_rate - rate_d) - omega**2 * e - curved - drift
         d = jnp.where(jnp.abs(d) <= ROUND_OFF * omega**2 * (jnp.abs(q) + jnp.abs(q_d)), 0.0, d)
-        lengths, _, units = belief.strings.measure(x, v)
-        A = jax.vmap(lambda u: rate(x, answer(belief.strings.pull(units, u * lengths))), out_axes=1)(jnp.eye(M))
         hi = ceilings(limits, lengths)
         lo = jnp.minimum(p["minimum_force_density"] * jnp.ones(M), hi)
         u, violation = least_cost(p["weight"] * jnp.ones(M), A, d, jnp.asarray(rows), p["sums"], lo, hi)
@@ -96,31 +85,30 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
 
 
 class Coordinates:
-    """q of §2.3, of points (P, 3) and spans of rods (R, 3): every rod's z and angles, then every point mass' z.
+    """q of §2.3, of places (P + R, 3), see `Belief`: every rod's z and angles, then every point mass' z.
 
     Attributes:
         turns: (n,), which of them go round.
     """
 
-    def __init__(self, structure: Structure, bases: Array) -> None:
-        supports, P, R = [rod.support for rod in structure.rods], len(bases), len(structure.rods)
+    def __init__(self, structure: Structure, sizes: Array) -> None:
+        supports, P, R = [rod.support for rod in structure.rods], len(sizes), len(structure.rods)
         self._planar = np.array([one.plane is not None for one in supports], bool)
         B = [one.rotation_basis if one.plane is not None else np.eye(3) for one in supports]
         self._axes = np.array([one[:, :2] for one in B]).reshape(-1, 3, 2)
-        self._bases = bases
         # Rows of points with their z, θ and φ; those that are none have no place in q.
         places = np.arange(5 * P).reshape(P, 5)
-        used = np.concatenate([bases.any(axis=1), np.zeros((P, 2), bool)], axis=1)
+        used = np.concatenate([np.arange(3) < sizes[:, None], np.zeros((P, 2), bool)], axis=1)
         used[:R, 3], used[:R, 4] = True, ~self._planar
         self._order = places[used]
         self.turns = self._order % 5 == 3
 
-    def __call__(self, points: Any, spans: Any) -> tuple[Any, Any]:
+    def __call__(self, places: Any) -> tuple[Any, Any]:
         """q (n,), and sin φ (R,), 1 of planar rods."""
-        z = jnp.einsum("pka,pk->pa", self._bases, points)
+        z, spans = jnp.split(places, [len(places) - len(self._axes)])
         b = jnp.einsum("rxk,rx->rk", self._axes, spans)
         across, length = norm(b), norm(spans)
         angles = jnp.stack([jnp.arctan2(b[:, 1], b[:, 0]), jnp.arctan2(across, spans[:, 2])], axis=1)
-        angles = jnp.concatenate([angles, jnp.zeros((len(points) - len(spans), 2))])
+        angles = jnp.concatenate([angles, jnp.zeros((len(z) - len(spans), 2))])
         q = jnp.concatenate([z, angles], axis=1).reshape(-1)[self._order]
         return q, jnp.where(self._planar, 1.0, across / length)

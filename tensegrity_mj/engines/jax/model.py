@@ -235,7 +235,7 @@ class Model:
         powers = jnp.stack([stored, lost, given, jnp.zeros_like(stored), void])
         densities = jnp.full((len(self.structure.rods), *mu.shape[1:]), np.nan)
         densities = densities.at[system.rigid].set(mu[: len(system.rigid)])
-        held_by = jnp.tensordot(system.of_constraints, reactions.reshape(-1, *reactions.shape[2:]), 1)
+        held_by = times(system.of_constraints, reactions.reshape(-1, *reactions.shape[2:]))
         time, works = jnp.asarray(t, float), state.works.at[VOID].add(void)
         observed = Observed(time, x, v, lengths, rest, elastic, tensions, densities, held_by, works, report)
         changes = State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers)

@@ -30,7 +30,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.engine import JAX
 
-PIECES = 16  # of a run, between which Ctrl-C is heard
+PIECES = 16  # of a run at least, between which Ctrl-C is heard; more where they have more than a hundred rows
 QUIET = 2.0  # s of compiling without a word
 
 
@@ -148,8 +148,9 @@ def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
 
 
 def pieces(rows: int) -> list[int]:
-    """Rows in some twenty pieces, of one size where a divisor is near."""
-    count = next((n for n in range(PIECES, 2 * PIECES) if rows % n == 0), min(rows, PIECES))
+    """Rows in twenty pieces or so, in a hundred where there are many, of one size where a divisor is near."""
+    least = min(max(PIECES, rows // 100), 100)
+    count = next((n for n in range(least, 2 * least) if rows % n == 0), min(rows, least))
     size = -(-rows // count)
     return [size] * (rows // size) + ([rows % size] if rows % size else [])
 

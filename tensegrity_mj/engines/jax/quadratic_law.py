@@ -16,7 +16,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import check_made_for
 from tensegrity_mj.engines.jax.allocation import least_norm, least_squares
-from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, lifted, times
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, derivatives, lifted, settled
 from tensegrity_mj.engines.jax.belief import Belief, ceilings
 from tensegrity_mj.model.structure import Structure
 
@@ -35,15 +35,13 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
     """
     check_made_for(law.structure, structure)
     belief = Belief(law)
-    R = len(belief.spans)
-    directions = belief.spans / law.structure.rod_lengths[:, None]
+    P, R = len(belief.sizes), len(structure.rods)
     onto = None if law.projected_onto is None else law.projected_onto.value
     z_gains = {name: _gain(law.gains[f"{name}z"], belief.sizes) for name in "XYZ"}
     b_gains = {name: _gain(law.gains[f"{name}b"][:R], np.full(R, 3)) for name in "XYZK"}
     limits = law.limits
     capped = np.isfinite(limits.max_force_density) | np.isfinite(limits.min_rest_length)
     bounded = bool(np.any(law.floor > 0.0) or np.any(capped))
-    held = bool(np.any(belief.sizes < 3))
     parameters: dict[str, Any] = {
         "decay_rate": float(law.decay_rate),
         "translation": z_gains,
@@ -55,40 +53,35 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
     if bounded:
         parameters["minimum_force_density"] = np.array(law.floor)
 
-    def value(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        """Both parts of V (...): of the errors alone, and with velocities."""
-        aims, rates = jax.jvp(lambda t: belief.aim(p["target"], t), (t,), (jnp.ones_like(t),))
-        (r_d, b_d), (r_rate, b_rate) = ([lifted(one, x) for one in both] for both in (aims, rates))
-        e_z, e_z_rate = times(belief.points, x) - r_d, times(belief.points, v) - r_rate
-        if held:
-            e_z, e_z_rate = (jnp.einsum("mka,mk...->ma...", belief.bases, e) for e in (e_z, e_z_rate))
-        b = times(directions, x)
-        e_b, e_b_rate = b - b_d, times(directions, v) - b_rate
-        axis = b if onto == "current" else b_d
-        across = e_b
+    def value(p: Arrays, q: Any, rates: Any, aim: Any, aim_rates: Any) -> tuple[Any, tuple[Any, Any]]:
+        """V (...), and its parts, of the errors alone and with velocities, of places (P + R, 3, ...) and rates."""
+        e, e_rates = q - aim, rates - aim_rates
+        across = e[P:]
         if onto is not None:
-            across = e_b - axis * (_inner(axis, e_b) / _inner(axis, axis))[:, None]
+            axis = (q if onto == "current" else aim)[P:]
+            across = across - axis * (_inner(axis, across) / _inner(axis, axis))[:, None]
         error = velocity = 0.0
-        blocks = ((p["translation"], z_gains, e_z, e_z_rate), (p["rotation"], b_gains, across, e_b_rate))
-        for gains, own, e, rate in blocks:
-            Xe, Ye, Ze = (_scaled(gains[n], own[n], a) for n, a in (("X", e), ("Y", rate), ("Z", rate)))
-            error += 0.5 * jnp.sum(e * Xe, axis=(0, 1))
-            velocity += jnp.sum(e * Ye + 0.5 * rate * Ze, axis=(0, 1))
+        blocks = ((p["translation"], z_gains, e[:P], e_rates[:P]), (p["rotation"], b_gains, across, e_rates[P:]))
+        for gains, own, e_own, rate in blocks:
+            Xe, Ye, Ze = (_scaled(gains[n], own[n], a) for n, a in (("X", e_own), ("Y", rate), ("Z", rate)))
+            error += 0.5 * jnp.sum(e_own * Xe, axis=(0, 1))
+            velocity += jnp.sum(e_own * Ye + 0.5 * rate * Ze, axis=(0, 1))
         if onto is not None:
-            error += 0.5 * jnp.sum(e_b * _scaled(p["stiffness"], b_gains["K"], e_b), axis=(0, 1))
-        return error, velocity
+            error += 0.5 * jnp.sum(e[P:] * _scaled(p["stiffness"], b_gains["K"], e[P:]), axis=(0, 1))
+        return error + velocity, (error, velocity)
 
     def command(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        t = jnp.asarray(t, float)
-        free, answer = belief.motion(p, t, x, v)
-        state, rates = (t, x, v), (jnp.ones_like(t), v, free)
-        (error, velocity), (falls, slows) = jax.jvp(lambda *at: value(p, *at), state, rates)
-        V, beta = error + velocity, falls + slows
-        _, back = jax.vjp(lambda v: sum(value(p, t, x, v)), v)
-        influence = answer(back(jnp.ones_like(V))[0])
-        lengths, _, units = belief.strings.measure(x, v)
-        (work,) = jax.linear_transpose(lambda tensions: belief.strings.pull(units, tensions), lengths)(influence)
-        f, alpha = -lengths * work, beta + p["decay_rate"] * V
+        q, rates = belief.places(x), belief.places(v)
+        aim, aim_rates, changes = (
+            jnp.broadcast_to(lifted(one, q), q.shape) for one in derivatives(lambda t: belief.aim(p["target"], t), t)
+        )
+        V, back, (error, velocity) = jax.vjp(lambda *at: value(p, *at), q, rates, aim, aim_rates, has_aux=True)
+        by_q, by_rates, *by_aims = back(jnp.ones_like(V))
+        lengths, along = belief.motion(p, t, x, v)
+        drift, work = along(by_rates)
+        pairs = ((by_q, rates), *zip(by_aims, (aim_rates, changes), strict=True))
+        beta = drift + sum(jnp.sum(slope * change, axis=(0, 1)) for slope, change in pairs)
+        f, alpha = -settled(work), beta + p["decay_rate"] * V
         if not bounded and law.norm == 2:
             u, margin = least_squares(f, alpha)
         else:
@@ -96,7 +89,7 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
             u, margin = least_norm(
                 f, alpha, floor, jnp.where(lifted(capped, f), ceilings(limits, lengths), 0.0), capped, law.norm
             )
-        return u, jnp.stack([margin, V, error, velocity, jnp.full_like(V, jnp.nan)])
+        return settled(u), jnp.stack([margin, V, error, velocity, jnp.full_like(V, jnp.nan)])
 
     return ArrayLaw(parameters, command)
 

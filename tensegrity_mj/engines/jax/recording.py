@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import diffrax
+import jax
 import numpy as np
 
 from tensegrity_mj.dynamics.native.law import Report
@@ -19,6 +21,8 @@ from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.engine import JAX
+
+VERSIONS = {one.__name__: one.__version__ for one in (jax, diffrax)}  # which decide the numbers
 
 
 def trajectory_of(
@@ -68,7 +72,7 @@ def trajectory_of(
     options = {name: getattr(one, "value", one) for name, one in vars(engine).items()}
 
     def made(how: Status, text: str) -> Trajectory:
-        account = Account(how, text, cost, {"name": "JAX", **options}, {}, rows.constraint_forces)
+        account = Account(how, text, cost, {"name": "JAX", "versions": VERSIONS, **options}, {}, rows.constraint_forces)
         return make_trajectory(request, engine, None, rows.time, np.concatenate(columns, axis=1), multipliers, account)
 
     remedy = (

@@ -48,7 +48,7 @@ class Strings:
         rates = jnp.sum(units * times(self.segments, v), axis=1)
         if self.simple:
             return lengths, rates, units
-        return jnp.tensordot(self.total, lengths, 1), jnp.tensordot(self.total, rates, 1), units
+        return times(self.total, lengths), times(self.total, rates), units
 
     def tighten(self, p: Arrays, lengths: Any, rates: Any, rest: Any, whole: Any) -> tuple[Any, Any]:
         """Elastic and total tensions (M, ...) [N]; `whole` (M,) is 0 for broken strings."""
@@ -77,14 +77,14 @@ class Strings:
 
     def pull(self, units: Any, tensions: Any) -> Any:
         """Forces on the nodes (N, 3, ...) [N]: the two of each segment are pulled together."""
-        along = tensions if self.simple else jnp.tensordot(self.total.T, tensions, 1)
+        along = tensions if self.simple else times(self.total.T, tensions)
         return -times(self.segments.T, along[:, None] * units)
 
 
 @jax.custom_jvp
 def _jump(stretch: Any, jump: Any, rates: Any, window: Any) -> Any:
     """Nothing, with the derivative jump · δ_w(stretch)."""
-    return jnp.zeros_like(stretch)
+    return _nothing(stretch)
 
 
 @_jump.defjvp
@@ -95,4 +95,9 @@ def _jump_derivative(at: tuple[Any, ...], changes: tuple[Any, ...]) -> tuple[Any
     inside = jnp.abs(stretch) < width
     width = jnp.where(inside, width, 1.0)
     kernel = jnp.where(inside, 0.5 * (1 + jnp.cos(jnp.pi * jnp.where(inside, stretch, 0.0) / width)) / width, 0.0)
-    return jnp.zeros_like(stretch), jump * kernel * changes[0]
+    return _nothing(stretch), jump * kernel * changes[0]
+
+
+def _nothing(like: Any) -> Any:
+    """Zeros that `jax.vmap` takes for a batch where `like` is one: of others JAX finds no gradient within it."""
+    return jnp.where(like > 0, 0.0, jnp.zeros_like(like))

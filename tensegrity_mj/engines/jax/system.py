@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, times
+from tensegrity_mj.engines.jax.arrays import Arrays, derivatives, incidence, lifted, times
 from tensegrity_mj.engines.jax.motions import displacements
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.scene import Scene
@@ -50,6 +50,14 @@ class Mobility(NamedTuple):
     def answer(self, accelerations: Any) -> Any:
         """Of what is added (C, 3, ...) [N], to accelerations of the vectors."""
         return -_applied(self.added, accelerations)
+
+    @property
+    def transposed(self) -> Mobility:
+        """Of Wᵀ: added mass need not be symmetric."""
+        if self.whole.ndim == 2 or self.added is None:
+            return self
+        order = (2, 3, 0, 1, *range(4, self.whole.ndim))
+        return self._replace(whole=self.whole.transpose(order), between=self.between.transpose(order))
 
     def inertia(self, accelerations: Any) -> Any:
         """Of all (C, 3, ...) [N]."""
@@ -103,7 +111,7 @@ class System:
         self.kappa, self.alone = np.where(same, 0.5, 1.0), bool(same.all())
         self.values *= 2 * self.kappa
         self._hold()
-        self.still = not scene.motions
+        self.still, self.displaced = not scene.motions, displacements(scene)
         self.wet = any(element.adds_mass for element in scene.effects)
         self.redundant = bool(scene.redundancy.undetermined)
         # Each rod's equation by itself, where none hangs on another.
@@ -143,19 +151,19 @@ class System:
         for number, one in enumerate(structure.constraints):
             weights = whole[number] @ one.unit @ self.maps
             hold(weights, one.unit, float(whole[number].ravel() @ structure.positions.ravel()), one.name, number)
-        self.rows: Array = np.array(rows).reshape(-1, 3 * C)
+        held: Array = np.array(rows).reshape(-1, 3 * C)
         self.offsets, self.drives = np.array(values), np.array(drives).reshape(len(rows), len(numbers), 3)
         self.free: Any = None
         self.inverse: Array = np.zeros((3 * C, 0))
         if len(rows):
             from scipy.linalg import null_space, qr
 
-            triangle, order = qr((self.rows / np.linalg.norm(self.rows, axis=1)[:, None]).T, mode="r", pivoting=True)
+            triangle, order = qr((held / np.linalg.norm(held, axis=1)[:, None]).T, mode="r", pivoting=True)
             kept = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
-            self.rows, self.offsets, self.drives = self.rows[kept], self.offsets[kept], self.drives[kept]
+            held, self.offsets, self.drives = held[kept], self.offsets[kept], self.drives[kept]
             links = [links[k] for k in kept]
-            self.free = null_space(self.rows, rcond=RANK_TOLERANCE)
-            self.inverse = np.asarray(np.linalg.pinv(self.rows), float)
+            self.free = null_space(held, rcond=RANK_TOLERANCE)
+            self.inverse = np.asarray(np.linalg.pinv(held), float)
         self.of_constraints = (np.arange(len(structure.constraints))[:, None] == np.array(links, int)) @ self.inverse.T
 
     def _is_apart(self) -> bool:
@@ -209,7 +217,7 @@ class System:
         def place(t: Any) -> Place:
             if self.still:
                 return Place((self.inverse @ self.offsets).reshape(-1, 3), self.base)
-            d = displacements(self.scene)(t)
+            d = self.displaced(t)
             given = self.offsets + jnp.einsum("kmx,mx->k", self.drives, d)
             return Place((self.inverse @ given).reshape(-1, 3), self.base + self.carried @ d)
 
@@ -217,11 +225,7 @@ class System:
             none = Place(np.zeros((self.size, 3)), np.zeros_like(self.base))
             return place(t), none, none
 
-        def rate(t: Any) -> Place:
-            return jax.jvp(place, (t,), (jnp.ones_like(t),))[1]
-
-        t = jnp.asarray(t, float)
-        return place(t), rate(t), jax.jvp(rate, (t,), (jnp.ones_like(t),))[1]
+        return derivatives(place, t)
 
     def state(self, nodes: Any, velocities: Any, t: Any = 0.0) -> tuple[Any, Any]:
         """s and ṡ of node positions and velocities (N, 3, ...)."""
@@ -233,13 +237,13 @@ class System:
         if self.free is None:
             return vectors
         off = vectors - lifted(place.vectors, vectors)
-        return jnp.tensordot(self.free.T, off.reshape(3 * self.size, *off.shape[2:]), 1)
+        return times(self.free.T, off.reshape(3 * self.size, *off.shape[2:]))
 
     def vectors(self, reduced: Any, place: Place) -> Any:
         """y (C, 3, ...) of s, and ẏ of ṡ."""
         if self.free is None:
             return reduced
-        own = jnp.tensordot(self.free, reduced, 1).reshape(self.size, 3, *reduced.shape[1:])
+        own = times(self.free, reduced).reshape(self.size, 3, *reduced.shape[1:])
         return own + lifted(place.vectors, own)
 
     def nodes(self, vectors: Any, place: Place) -> Any:
@@ -254,7 +258,7 @@ class System:
         driven = lifted(place.vectors, y)
         start = _applied(mobility.whole, forces - mobility.inertia(driven)) + driven
         e, e_rates = times(self.spans, y), times(self.spans, rates)
-        mu = self._solved(mobility, e, self._inner(e, times(self.spans, start)) + self._inner(e_rates, e_rates))
+        mu = self._solved(mobility, e, self.inner(e, times(self.spans, start)) + self.inner(e_rates, e_rates))
         back = times(self.spans.T, self._spread(e, mu))
         found = start - _applied(mobility.whole, back)
         return found, mu, mobility.inertia(found) - forces + back
@@ -262,15 +266,15 @@ class System:
     def projected(self, mobility: Mobility, y: Any, rates: Any) -> tuple[Any, Any]:
         """y and ẏ moved in the metric of the masses to where rods and bodies have their shape: a step of Newton's."""
         e = times(self.spans, y)
-        y = y - self._moved(mobility, e, 0.5 * (self._inner(e, e) - lifted(self.values, e[0])))
+        y = y - self._moved(mobility, e, 0.5 * (self.inner(e, e) - lifted(self.values, e[0])))
         e = times(self.spans, y)
-        return y, rates - self._moved(mobility, e, self._inner(e, times(self.spans, rates)))
+        return y, rates - self._moved(mobility, e, self.inner(e, times(self.spans, rates)))
 
     def _moved(self, mobility: Mobility, e: Any, off: Any) -> Any:
         """The change of y, or ẏ, that takes away `off` (P, ...) of the products."""
         return _applied(mobility.whole, times(self.spans.T, self._spread(e, self._solved(mobility, e, off))))
 
-    def _inner(self, e: Any, other: Any) -> Any:
+    def inner(self, e: Any, other: Any) -> Any:
         """κ (e_a·f_b + f_a·e_b) (P, ...) with other vectors f; of changes of e, J times these."""
         if self.alone:
             return jnp.sum(e * other, axis=1)
@@ -281,7 +285,7 @@ class System:
         """Jᵀ μ (V, 3, ...)."""
         if self.alone:
             return mu[:, None] * e
-        return jax.linear_transpose(lambda other: self._inner(e, other), e)(mu)[0]
+        return jax.linear_transpose(lambda other: self.inner(e, other), e)(mu)[0]
 
     def _solved(self, mobility: Mobility, e: Any, right: Any) -> Any:
         """μ (P, ...) of J E W Eᵀ Jᵀ μ = right."""
@@ -321,4 +325,7 @@ def _applied(mobility: Any, forces: Any) -> Any:
     """W f (C, 3, ...)."""
     if mobility.ndim == 2:
         return times(mobility, forces)
+    if mobility.ndim == 4:
+        size = 3 * len(forces)
+        return times(mobility.reshape(size, size), forces.reshape(size, *forces.shape[2:])).reshape(forces.shape)
     return jnp.einsum("cidj...,dj...->ci...", mobility, forces)

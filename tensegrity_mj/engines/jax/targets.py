@@ -14,53 +14,55 @@ import jax.numpy as jnp
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.jax.arrays import times
 from tensegrity_mj.model.target import Target
 
-# (p, t) -> points (P, 3, ...) [m], directions (R, 3, ...): p is the target's array, see `array_target`.
-Aim = Callable[[Any, Any], tuple[Any, Any]]
+# (p, t) -> points (P, 3, ...) [m] and behind them directions (R, 3, ...): p is the target's array.
+Aim = Callable[[Any, Any], Any]
 STRAIGHT = 1e-7  # sine of an angle below which its great circle is a straight line, to the square of it
 
 
-def array_target(target: Target, points: Array, spans: Array) -> tuple[Array, Aim]:
+def array_target(target: Target, places: Callable[[Any], Any], points: int) -> tuple[Array, Aim]:
     """What moves a target, and where it is.
 
     The array is nodes (W, N, 3) [m] at the target's times, or a curve's Chebyshev coefficients (P, N, 3).
 
     Args:
-        points: (P, N), times nodes: the points that move along straight lines between waypoints.
-        spans: (R, N), times nodes: from first to second nodes of rods, which turn on great circles.
+        places: of nodes (N, 3, ...), (P + R, 3, ...): points, which move along straight lines between waypoints, and
+            behind them spans, whose directions turn on great circles.
+        points: P.
     """
     moments = np.array(target.times)
 
     def of_nodes(nodes: Any) -> tuple[Any, Any]:
-        return times(points, nodes), _unit(times(spans, nodes))
+        found = places(nodes)
+        spans = found[points:]
+        return found[:points], spans / jnp.sqrt(jnp.sum(spans**2, axis=1, keepdims=True))
 
     if target.along is not None:
         first, last = target.along.interval
         quintics = jnp.asarray(target.along.quintics(target.times))
         count = len(target.along.parameters)
 
-        def along(p: Any, t: Any) -> tuple[Any, Any]:
+        def along(p: Any, t: Any) -> Any:
             k, since = _piece(t, moments)
             value = jnp.polyval(quintics[k][::-1], since) if len(quintics) else target.along.values[0]  # type: ignore[union-attr]
             x = (2.0 * value - first - last) / (last - first)
             # T_0, T_1, ... by T_{n+1} = 2 x T_n - T_{n-1}.
             start = (jnp.ones_like(x), x)
             _, T = jax.lax.scan(lambda c, _: ((c[1], 2.0 * x * c[1] - c[0]), c[0]), start, length=count)
-            return of_nodes(jnp.tensordot(T, p, 1))
+            return jnp.concatenate(of_nodes(jnp.tensordot(T, p, 1)))
 
         return np.array(target.along.coefficients), along
 
-    def between(p: Any, t: Any) -> tuple[Any, Any]:
+    def between(p: Any, t: Any) -> Any:
         p = jnp.asarray(p)
         if len(moments) == 1:
-            return of_nodes(p[0])
+            return jnp.concatenate(of_nodes(p[0]))
         k, since = _piece(t, moments)
         x = since / jnp.asarray(np.diff(moments))[k]
         s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
         (r0, b0), (r1, b1) = of_nodes(p[k]), of_nodes(p[k + 1])
-        return r0 + s * (r1 - r0), _turned(b0, b1, s)
+        return jnp.concatenate([r0 + s * (r1 - r0), _turned(b0, b1, s)])
 
     return np.array(target.nodes), between
 
@@ -70,10 +72,6 @@ def _piece(t: Any, moments: Array) -> tuple[Any, Any]:
     held = jnp.where(t < moments[0], moments[0], jnp.where(t < moments[-1], t, moments[-1]))
     k = jnp.clip(jnp.searchsorted(moments, held, side="right") - 1, 0, max(len(moments) - 2, 0))
     return k, held - jnp.asarray(moments)[k]
-
-
-def _unit(spans: Any) -> Any:
-    return spans / jnp.sqrt(jnp.sum(spans**2, axis=1, keepdims=True))
 
 
 def _turned(start: Any, end: Any, s: Any) -> Any:

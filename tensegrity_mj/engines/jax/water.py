@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.jax.arrays import ArrayEffect, Arrays, norm, times
+from tensegrity_mj.engines.jax.arrays import ArrayEffect, Arrays, norm, settled, times
 from tensegrity_mj.model.elements.water import LEAST_COSINE, Water, Weights
 from tensegrity_mj.model.elements.waves import AboveLevel
 from tensegrity_mj.model.scene import Scene
@@ -113,7 +113,7 @@ class Waves(NamedTuple):
         ways, gain = (jnp.cos(self.direction), jnp.sin(self.direction)), self.frequency * size
         velocity = *_total([size * way for way in ways], across * sine), *_total([size], up * cosine)
         acceleration = *_total([gain * way for way in ways], across * cosine), *_total([-gain], up * sine)
-        return _settled(jnp.stack(velocity), jnp.stack(acceleration))
+        return settled(jnp.stack([jnp.stack(velocity), jnp.stack(acceleration)]))
 
 
 def _total(sizes: list[Any], fields: Any) -> Any:
@@ -122,15 +122,6 @@ def _total(sizes: list[Any], fields: Any) -> Any:
     if stacked.shape[-1] == 1:
         return times(stacked[:, :, 0], fields)
     return jnp.einsum("cwb,wlmb->clmb", stacked, fields, precision="highest")
-
-
-def _settled(*parts: Any) -> Any:
-    """Arrays of one shape, stacked, times the unit matrix.
-
-    XLA for CPUs repeats what leads to an array in each of its users, sines as well, but not a product with a matrix:
-    without this, and the product that takes the ends of segments, forces take five times as long.
-    """
-    return times(np.eye(len(parts)), jnp.stack(parts))
 
 
 def _components(fixed: _Fixed, p: Arrays) -> list[Waves]:
@@ -247,7 +238,8 @@ def _wet(fixed: _Fixed, waves: list[Waves], p: Arrays, t: Any, x: Any) -> _Wet:
     cuts = start + (np.arange(L + 1) / L)[:, None, None, None] * span
     depth = sum((one.elevation(t, cuts[:, :, 0], cuts[:, :, 1]) for one in waves), -cuts[:, :, 2])
     u = depth / (0.5 * d * jnp.sqrt(jnp.maximum(jnp.sum(axis[:, :2] ** 2, 1), LEAST_COSINE**2)))
-    part, along = _settled(*wet_part(times(np.stack([np.eye(L, L + 1), np.eye(L, L + 1, 1)]), u)))
+    ends = times(np.stack([np.eye(L, L + 1), np.eye(L, L + 1, 1)]), u)
+    part, along = settled(jnp.stack(wet_part(ends)))
     place = ((np.arange(L)[:, None, None] + along) / L)[:, :, None]
     x, y, z = jnp.moveaxis(start + place * span, 2, 0)
     # Of a dry segment nothing counts, but high above the water the fields are beyond all floats.

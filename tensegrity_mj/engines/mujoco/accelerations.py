@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -10,32 +10,30 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
 from tensegrity_mj.engines.mujoco.install import installed
-from tensegrity_mj.engines.mujoco.joints import close_rigidly
+from tensegrity_mj.engines.mujoco.joints import site_accelerations
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING
+from tensegrity_mj.engines.request import Accelerations
 from tensegrity_mj.errors import InfeasibleError
 
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 
-class NodeAccelerations:
+
+def node_accelerations(run: MuJoCoRun) -> Accelerations:
     """See `engines.request.Accelerations`. The engine's callback sets controls and loads, as in a run.
 
     Joints that close loops are rigid here (`close_rigidly`), which a run has soft.
     """
+    model, data, scene = run.model, run.data, run.request.scene
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    run.plant["stages"] = 4  # a stage is no step: states of elements stay those of the start
+    sites = np.array([model.site(name).id for name in scene.structure.nodes])
+    run.plant.set(resets=0, yielding=0)  # the state is the one that is requested, and no string was longer before
 
-    def __init__(self, run: Any) -> None:
-        self.run, self.scene = run, run.request.scene
-        model = run.model
-        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        run.plant["stages"] = 4  # a stage is no step: states of elements stay those of the start
-        self.sites = [model.site(name).id for name in self.scene.structure.nodes]
-        run.plant.set(resets=0, yielding=0)  # the state is the one that is requested, and no string was longer before
-
-    def __call__(
-        self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
-    ) -> tuple[Array, Array]:
-        run, model, data = self.run, self.run.model, self.run.data
+    def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
         mujoco.mj_resetData(model, data)
-        place(data, self.scene, nodes, velocities, run.tree)
+        place(data, scene, nodes, velocities, run.tree)
         if rest_lengths is not None:
             run.plant["held"][:] = rest_lengths
         # The callback counts time in steps: one step of this length.
@@ -47,11 +45,6 @@ class NodeAccelerations:
         run.plant.raise_if_failed(max(ended, failed, 0), time)
         if ended == NO_SOLUTION:
             raise InfeasibleError(run.plant.infeasible_message(time))
-        if data.nefc and model.neq:
-            close_rigidly(model, data)
-        mujoco.mj_rnePostConstraint(model, data)
-        out, spatial = np.zeros((len(self.sites), 3)), np.zeros(6)
-        for row, site in enumerate(self.sites):
-            mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_SITE, site, spatial, 0)
-            out[row] = spatial[3:] + model.opt.gravity  # of a frame in free fall, as MuJoCo has it
-        return data.site_xpos[self.sites].copy(), out
+        return data.site_xpos[sites].copy(), site_accelerations(model, data, sites)
+
+    return at

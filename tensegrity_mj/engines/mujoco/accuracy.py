@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from tensegrity_mj.engines.accuracy.ladder import Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import Way, can_locate, find, fixed_step_way
+from tensegrity_mj.engines.accuracy.search import can_locate, find, fixed_steps
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.forest import spanning_forest
@@ -36,10 +37,10 @@ def run_accurately(accuracy: float, request: Request, engine: Callable[..., Any]
     # The dampers' forces are implicit in it: it differs from Euler's method where those limit the step.
     if start.decay > start.turn and request.scene.water is None:
         integrators.append(Integrator.IMPLICITFAST)
-    return find(accuracy, [_way(integrator, start, request, engine) for integrator in integrators], request)
+    return find(accuracy, [_ladder(integrator, start, request, engine) for integrator in integrators], request)
 
 
-def _way(integrator: Integrator, start: Rates, request: Request, engine: Callable[..., Any]) -> Way:
+def _ladder(integrator: Integrator, start: Rates, request: Request, engine: Callable[..., Any]) -> Ladder:
     scene = request.scene
     explicit = integrator is Integrator.RK4
     located = explicit and scene.contact is None and can_locate(scene.structure)
@@ -51,13 +52,5 @@ def _way(integrator: Integrator, start: Rates, request: Request, engine: Callabl
     def make(step: float, adapted: Request) -> Trajectory:
         return engine(step, integrator, locate_slack=located).run(adapted)
 
-    return fixed_step_way(
-        integrator.value,
-        order,
-        engine(integrator=integrator).stages,
-        longest,
-        start,
-        request,
-        make,
-        located,
-    )
+    stages = engine(integrator=integrator).stages
+    return fixed_steps(integrator.value, order, stages, longest, start, request, make, located)

@@ -23,10 +23,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.dynamics.kernels import solve_with_pivots
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined
+from tensegrity_mj.dynamics.kernels import own_mass, solve_with_pivots
+from tensegrity_mj.dynamics.native.elements import clear
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_segments
-from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
+from tensegrity_mj.dynamics.native.vectors import add, dot, minus, plus, put, row_of, times
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.engines.mujoco.constraints import (
     add_columns,
@@ -53,97 +54,84 @@ from tensegrity_mj.model.scene import Scene
 # `chain`, and how many. size: of the largest tree.
 Answering, _pack = view_of(
     "Answering",
-    tree_count="size",
     trees=("i8", "tree_count", 8),
-    rod_count="size",
     rods=("i8", "rod_count", 6),
-    load_count="size",
     loaded=("i8", "load_count", 3),
-    term_count="size",
     terms=("i8", "term_count", 5),
     pulls=("f8", "term_count", 3),
-    held="size",
     drives=("i8", "held"),
     units=("f8", "held", 3),
     values=("f8", "held"),
-    dofs="size",
     rows=("i8", "dofs", 2),
-    entries="size",
     columns=("i8", "entries"),
     chains=("i8", "dofs", 2),
-    links="size",
     chain=("i8", "links"),
     size="size",
 )
 
 
-class Answers:
-    """What compiled code reads of the trees of a model whose rods are in water or whose nodes are held, kept alive.
+def set_answering(scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> int:
+    """Set in the table of a run what compiled code reads of the trees of a scene's model; the numbers of its scratch.
 
-    Attributes:
-        room: scratch, which begins with the constraints' forces.
+    Nothing where nothing answers accelerations: where no rod is in water, and no node is held.
     """
-
-    @classmethod
-    def of(cls, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> Answers | None:
-        """Of a scene in a model, set in the table of the run; None where nothing answers accelerations."""
-        wet = bool(run["wet_rods"])
-        return cls(scene, tree, model, run, wet) if wet or scene.structure.constraints else None
-
-    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table, wet: bool) -> None:
-        structure, roots = scene.structure, model.body_rootid
-        bodies = [int(model.body(name).id) for name in Names(scene, tree).rods]
-        sites = [int(model.site_bodyid[model.site(name).id]) for name in structure.node_names]
-        last = np.full(model.nbody, -1, np.int64)  # degree of freedom that moves a body
-        for body in range(1, model.nbody):
-            count = int(model.body_dofnum[body])
-            last[body] = model.body_dofadr[body] + count - 1 if count else last[model.body_parentid[body]]
-        trees: list[Any] = []
-        rods: list[Any] = []
-        loaded: list[Any] = []
-        terms: list[Any] = []
-        pulls: list[Any] = []
-        held = structure.constraint_rows.reshape(-1, len(sites), 3)
-        moving = [body for body in bodies if wet] + [sites[node] for node in np.flatnonzero(held.any(axis=(0, 2)))]
-        for root in dict.fromkeys(int(roots[body]) for body in moving if last[body] >= 0):
-            dofs = np.flatnonzero(roots[model.dof_bodyid] == root)
-            own = [
-                (row, *structure.rod_nodes[row], body, root, last[body])
-                for row, body in enumerate(bodies)
-                if wet and roots[body] == root and last[body] >= 0
-            ]
-            pushed = [(n, root, last[body]) for n, body in enumerate(sites) if roots[body] == root and last[body] >= 0]
-            ties = [(row, n, sites[n], *rest) for n, *rest in pushed for row in np.flatnonzero(held[:, n].any(axis=1))]
-            trees.append((dofs[0], len(dofs), len(rods), len(own), len(loaded), len(pushed), len(terms), len(ties)))
-            rods += own
-            loaded += pushed
-            terms += ties
-            pulls += [held[row, n] for row, n, *_ in ties]
-        chains = [_chain(model, d) for d in range(model.nv)]
-        counts = np.array([len(chain) for chain in chains], np.int64)
-        N, C, size = len(structure.nodes), len(held), max((tree[1] for tree in trees), default=0)
-        values = np.zeros(C)
-        for (row, node, *_), pull in zip(terms, pulls, strict=True):
-            values[row] += structure.positions[node] @ pull
-        motions = [motion.support for motion in scene.motions]
-        drives = [motions.index(one.name) if one.name in motions else -1 for one in structure.constraints]
-        self.room = np.zeros(links_room(C, model.nv) + 3 * N + size * (size + 1 + C) + 6 * size)
-        self._packed = _pack(
-            trees=np.array(trees).reshape(-1, 8),
-            rods=np.array(rods).reshape(-1, 6),
-            loaded=np.array(loaded).reshape(-1, 3),
-            terms=np.array(terms).reshape(-1, 5),
-            pulls=np.array(pulls).reshape(-1, 3),
-            drives=np.array(drives, np.int64),
-            units=np.array([one.unit for one in structure.constraints]).reshape(-1, 3),
-            values=values,
-            rows=np.stack([model.M_rowadr, model.M_rownnz], axis=1),
-            columns=model.M_colind,
-            chains=np.stack([np.cumsum(counts) - counts, counts], axis=1),
-            chain=np.concatenate([*chains, np.zeros(0, np.int64)]),
-            size=size,
-        )
-        run.set(answering=self._packed.address, answer_room=address_of(self.room), constraint_count=C)
+    wet = bool(run["wet_rods"])
+    if not (wet or scene.structure.constraints):
+        return 0
+    structure, roots = scene.structure, model.body_rootid
+    bodies = [int(model.body(name).id) for name in Names(scene, tree).rods]
+    sites = [int(model.site_bodyid[model.site(name).id]) for name in structure.node_names]
+    last = np.full(model.nbody, -1, np.int64)  # degree of freedom that moves a body
+    for body in range(1, model.nbody):
+        count = int(model.body_dofnum[body])
+        last[body] = model.body_dofadr[body] + count - 1 if count else last[model.body_parentid[body]]
+    trees: list[Any] = []
+    rods: list[Any] = []
+    loaded: list[Any] = []
+    terms: list[Any] = []
+    pulls: list[Any] = []
+    held = structure.constraint_rows.reshape(-1, len(sites), 3)
+    moving = [body for body in bodies if wet] + [sites[node] for node in np.flatnonzero(held.any(axis=(0, 2)))]
+    for root in dict.fromkeys(int(roots[body]) for body in moving if last[body] >= 0):
+        dofs = np.flatnonzero(roots[model.dof_bodyid] == root)
+        own = [
+            (row, *structure.rod_nodes[row], body, root, last[body])
+            for row, body in enumerate(bodies)
+            if wet and roots[body] == root and last[body] >= 0
+        ]
+        pushed = [(n, root, last[body]) for n, body in enumerate(sites) if roots[body] == root and last[body] >= 0]
+        ties = [(row, n, sites[n], *rest) for n, *rest in pushed for row in np.flatnonzero(held[:, n].any(axis=1))]
+        trees.append((dofs[0], len(dofs), len(rods), len(own), len(loaded), len(pushed), len(terms), len(ties)))
+        rods += own
+        loaded += pushed
+        terms += ties
+        pulls += [held[row, n] for row, n, *_ in ties]
+    chains = [_chain(model, d) for d in range(model.nv)]
+    counts = np.array([len(chain) for chain in chains], np.int64)
+    N, C, size = len(structure.nodes), len(held), max((tree[1] for tree in trees), default=0)
+    values = np.zeros(C)
+    for (row, node, *_), pull in zip(terms, pulls, strict=True):
+        values[row] += structure.positions[node] @ pull
+    motions = [motion.support for motion in scene.motions]
+    drives = [motions.index(one.name) if one.name in motions else -1 for one in structure.constraints]
+    room = np.zeros(links_room(C, model.nv) + 3 * N + size * (size + 1 + C) + 6 * size)
+    packed = _pack(
+        trees=np.array(trees).reshape(-1, 8),
+        rods=np.array(rods).reshape(-1, 6),
+        loaded=np.array(loaded).reshape(-1, 3),
+        terms=np.array(terms).reshape(-1, 5),
+        pulls=np.array(pulls).reshape(-1, 3),
+        drives=np.array(drives, np.int64),
+        units=np.array([one.unit for one in structure.constraints]).reshape(-1, 3),
+        values=values,
+        rows=np.stack([model.M_rowadr, model.M_rownnz], axis=1),
+        columns=model.M_colind,
+        chains=np.stack([np.cumsum(counts) - counts, counts], axis=1),
+        chain=np.concatenate([*chains, np.zeros(0, np.int64)]),
+        size=size,
+    )
+    run.set(answering=packed, answer_room=room, constraint_count=C)
+    return len(room)
 
 
 def _chain(model: mujoco.MjModel, dof: int) -> list[int]:
@@ -166,10 +154,9 @@ def add_answers(table: int, h: float) -> float:
     links, size = links_at(run.answer_room, C, run.nv), water.size
     room = run.answer_room + 8 * (C * (C + 4) + run.nv * (C + 1))
     forces, nodes, velocities, held, pulls = run.forces, run.nodes, run.velocities, run.held_mass, floats(room, (N, 3))
+    clear(held)
     for n in range(N):
-        for x in range(3):
-            pulls[n, x] = forces[n, x]
-            held[n, x] = 0.0
+        put(pulls, n, row_of(forces, n))
     measure_segments(table)
     add_string_forces(table, pulls)
     room += 24 * N
@@ -198,7 +185,7 @@ def add_answers(table: int, h: float) -> float:
         answers = tree[7] > 0
         for r in range(tree[2], tree[2] + tree[3]):
             rod = water.rods[r]
-            alpha = _alpha(added, rod[0])
+            alpha = own_mass((added,), rod[0])
             if alpha[0] + alpha[1] + alpha[2] + alpha[3] == 0.0:
                 continue
             answers = True
@@ -218,7 +205,7 @@ def add_answers(table: int, h: float) -> float:
     solve_rows(links)
     for r in range(water.rod_count):
         rod = water.rods[r]
-        alpha, i, j = _alpha(added, rod[0]), rod[1], rod[2]
+        alpha, i, j = own_mass((added,), rod[0]), rod[1], rod[2]
         if alpha[0] + alpha[1] + alpha[2] + alpha[3] == 0.0:
             continue
         axis, a1, a2 = _free(rod, nodes, velocities, centers, twists, axis_rates, rates, water)
@@ -228,19 +215,12 @@ def add_answers(table: int, h: float) -> float:
             a1, a2 = plus(a1, times(change, row_of(J[0], d))), plus(a2, times(change, row_of(J[1], d)))
         held1, held2 = _added(alpha, axis, a1, a2)
         power -= dot(held1, row_of(velocities, i)) + dot(held2, row_of(velocities, j))
-        for x in range(3):
-            held[i, x] -= held1[x]
-            held[j, x] -= held2[x]
+        add(held, i, times(-1.0, held1))
+        add(held, j, times(-1.0, held2))
     power += add_pulls(water, links, velocities, held)
     for n in range(N):
-        for x in range(3):
-            forces[n, x] += held[n, x]
+        add(forces, n, row_of(held, n))
     return power
-
-
-@inlined
-def _alpha(added: Any, row: int) -> Any:
-    return added[row, 0], added[row, 1], added[row, 2], added[row, 3]
 
 
 @inlined
@@ -251,7 +231,7 @@ def _jacobians(rod: Any, nodes: Any, centers: Any, axes: Any, water: Any, J: Any
     for end in range(2):
         offset = minus(row_of(nodes, rod[1 + end]), center)
         for d in range(count):
-            J[end, d, 0], J[end, d, 1], J[end, d, 2] = carried_by(axes, water.chain[first + d], offset)
+            put(J[end], d, carried_by(axes, water.chain[first + d], offset))
     return first, count
 
 

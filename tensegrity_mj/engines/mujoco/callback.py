@@ -14,20 +14,20 @@ from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
 from tensegrity_mj.dynamics.native.curves import yield_strings
-from tensegrity_mj.dynamics.native.elements import held_powers, set_motions
+from tensegrity_mj.dynamics.native.elements import clear, held_powers, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats, inlined
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
 from tensegrity_mj.dynamics.native.strings import measure_segments, tighten_strings
-from tensegrity_mj.dynamics.native.vectors import minus, row_of
+from tensegrity_mj.dynamics.native.vectors import cross, minus, put, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.mujoco.answers import add_answers
-from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, write_state
+from tensegrity_mj.engines.mujoco.contact import spin_energy, write_state
 from tensegrity_mj.engines.mujoco.element_states import act_at_stage
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
-from tensegrity_mj.engines.mujoco.motion import carried, constraint_work, drive, keep_rates, support_power
+from tensegrity_mj.engines.mujoco.motion import carried, count_constraints, drive, keep_rates, support_power
 from tensegrity_mj.engines.mujoco.run_view import FINISHED, LOST, LOST_CONTROL, RUNNING, Counters, RunView
 from tensegrity_mj.runs.energy import BEYOND
 
@@ -89,8 +89,6 @@ def control_stage(table: int) -> None:
 def _stage(table: int, now: Moment) -> int:
     """All that a stage has to do, in order; how the run has ended, or RUNNING."""
     run = RunView(table)
-    if run.touches:
-        run.work[2] += last_stage_work(run, now.before, now.one_stage)
     if not read_nodes(table):
         return LOST
     _resolve(table, now)
@@ -150,7 +148,7 @@ def read_nodes(table: int) -> bool:
     for n in range(len(nodes)):
         body = bodies[n]
         place = row_of(xpos, sites[n])
-        nodes[n, 0], nodes[n, 1], nodes[n, 2] = place
+        put(nodes, n, place)
         sane &= _is_sane(place)
         if body == 0:
             continue
@@ -158,7 +156,7 @@ def read_nodes(table: int) -> bool:
         x, y, z = minus(place, row_of(com, roots[n]))
         wx, wy, wz = row_of(cvel, body)
         moves = (cvel[body, 3] + wy * z - wz * y, cvel[body, 4] + wz * x - wx * z, cvel[body, 5] + wx * y - wy * x)
-        velocities[n, 0], velocities[n, 1], velocities[n, 2] = moves
+        put(velocities, n, moves)
         sane &= _is_sane(moves)
     return sane
 
@@ -176,23 +174,16 @@ def _resolve(table: int, now: Moment) -> None:
         resolve_stage(table, now.stage, now.h)
 
 
-@borrowing
-def move_supports(table: int, t: float, first_stage: bool) -> None:
-    """Drive the moved supports as they move at time t."""
-    set_motions(table, t)
-    run = RunView(table)
-    if run.status == 0:
-        drive(run, first_stage)
-
-
 @inlined
 def _move_supports(table: int, now: Moment) -> None:
-    """And count what constraints did to them over the stage before."""
+    """As they move at a stage; and count what constraints did over the stage before."""
     run = RunView(table)
     if run.motion_count > 0:
-        move_supports(table, now.time, now.stage == 0)
-        if run.constrained:
-            run.work[2] += constraint_work(run, now.before, now.one_stage)
+        set_motions(table, now.time)
+    if run.constrained:
+        count_constraints(run, now.before, now.one_stage)
+    if run.motion_count > 0 and run.status == 0:
+        drive(run, now.stage == 0)
 
 
 @borrowing
@@ -203,13 +194,11 @@ def settle(table: int) -> None:
     counters = Counters(address(run.counters))
     if counters.ended != RUNNING or counters.stage != 0:
         return
-    one_stage = run.stages == 1
-    weight = run.step if one_stage else run.step / 6.0
-    if run.touches:
-        run.work[2] += last_stage_work(run, weight, one_stage)
-    if run.motion_count > 0 and run.constrained:
-        set_motions(table, counters.step * run.step)
-        run.work[2] += constraint_work(run, weight, one_stage)
+    if run.constrained:
+        if run.motion_count > 0:
+            set_motions(table, counters.step * run.step)
+        one_stage = run.stages == 1
+        count_constraints(run, run.step if one_stage else run.step / 6.0, one_stage)
 
 
 @borrowing
@@ -246,21 +235,16 @@ def apply_loads(table: int) -> None:
     """Nodal forces of elements as forces and torques at the bodies' centres of mass."""
     run = RunView(table)
     nodes, forces, bodies, centers, xfrc = run.nodes, run.forces, run.node_bodies, run.xipos, run.xfrc_applied
-    for body in range(len(xfrc)):
-        for k in range(6):
-            xfrc[body, k] = 0.0
+    clear(xfrc)
     for n in range(len(nodes)):
         body = bodies[n]
         if body == 0:
             continue
-        x, y, z = nodes[n, 0] - centers[body, 0], nodes[n, 1] - centers[body, 1], nodes[n, 2] - centers[body, 2]
-        fx, fy, fz = forces[n, 0], forces[n, 1], forces[n, 2]
-        xfrc[body, 0] += fx
-        xfrc[body, 1] += fy
-        xfrc[body, 2] += fz
-        xfrc[body, 3] += y * fz - z * fy
-        xfrc[body, 4] += z * fx - x * fz
-        xfrc[body, 5] += x * fy - y * fx
+        force = row_of(forces, n)
+        torque = cross(minus(row_of(nodes, n), row_of(centers, body)), force)
+        for k in range(3):
+            xfrc[body, k] += force[k]
+            xfrc[body, 3 + k] += torque[k]
 
 
 @inlined
@@ -390,7 +374,5 @@ def _count(table: int, now: Moment, stored: float, lost: float, given: float) ->
     work[1] += now.weight * lost
     work[2] += (0.5 * now.weight if now.one_stage else now.weight) * given
     powers[0], powers[1], powers[2] = stored, lost, given
-    if run.touches:
-        keep_stage(run)
-    if run.motion_count > 0 and run.constrained:
+    if run.constrained:
         keep_rates(run)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
-from tensegrity_mj.dynamics.native.vectors import cross, dot, minus, plus, row_of, times
+from tensegrity_mj.dynamics.native.vectors import add, cross, dot, minus, plus, row_of, times
 
 OF_GAP, OF_RATE = 0.25, 0.875  # see above
 DEPENDENT = 1e-12  # of `scales`, what is left of a row's compliance beside others: squares of singular values
@@ -160,15 +160,14 @@ def add_pulls(own: Any, links: Links, velocities: Array, held: Array) -> float:
     for p in range(own.term_count):
         node, force = own.terms[p, 1], times(links.forces[own.terms[p, 0]], row_of(own.pulls, p))
         power += dot(force, row_of(velocities, node))
-        for x in range(3):
-            held[node, x] += force[x]
+        add(held, node, force)
     return power
 
 
 @inlined
 def carried_by(axes: Any, d: int, offset: Any) -> Any:
     """How a point moves with a degree of freedom, at an offset from the centre of mass of its tree."""
-    turn, slide = (axes[d, 0], axes[d, 1], axes[d, 2]), (axes[d, 3], axes[d, 4], axes[d, 5])
+    turn, slide = row_of(axes, d), (axes[d, 3], axes[d, 4], axes[d, 5])
     return plus(slide, cross(turn, offset))
 
 

@@ -26,29 +26,6 @@ from tensegrity_mj.model.structure import Structure
 
 
 @borrowing
-def keep_stage(run: Any) -> None:
-    """Keep the velocities of this stage until its forces are known."""
-    copy(run.qvel, run.kept_rates)
-    run.awaits_contact = 1
-
-
-@borrowing
-def last_stage_work(run: Any, weight: float, one_stage: bool) -> float:
-    """Work [J] of the contacts over the stage before, of this weight [s].
-
-    An integrator of one stage holds its forces over the step: their work counts the speeds at both ends.
-    """
-    if not run.awaits_contact:
-        return 0.0
-    run.awaits_contact = 0
-    force, kept, now = run.qfrc_constraint, run.kept_rates, run.qvel
-    power = 0.0
-    for i in range(len(force)):
-        power += force[i] * (0.5 * (kept[i] + now[i]) if one_stage else kept[i])
-    return weight * power
-
-
-@borrowing
 def spin_energy(run: Any) -> float:
     """Kinetic energy [J] of the rods' spin about their own axes."""
     velocity, dofs, inertia = run.qvel, run.spin_dofs, run.spin_inertia
@@ -88,7 +65,7 @@ class Contacts:
         """`run`: the table of the run, in which it is set."""
         self.structure, self.model = structure, model
         dofs, inertia = spins(structure, model)
-        run.set(touches=1, kept_rates=np.zeros(model.nv), spin_count=len(dofs), spin_dofs=dofs, spin_inertia=inertia)
+        run.set(touches=1, kept_rates=np.zeros(model.nv), spin_dofs=dofs, spin_inertia=inertia)
         self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 
     def forces(self, states: Array) -> tuple[Array, dict[str, Any]]:

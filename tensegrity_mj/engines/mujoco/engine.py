@@ -126,7 +126,7 @@ class MuJoCo:
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations J q̈ + J̇ q̇ of the model that `run` steps."""
-        from tensegrity_mj.engines.mujoco.accelerations import NodeAccelerations
+        from tensegrity_mj.engines.mujoco.accelerations import node_accelerations
         from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 
-        return NodeAccelerations(MuJoCoRun(self, request))
+        return node_accelerations(MuJoCoRun(self, request))

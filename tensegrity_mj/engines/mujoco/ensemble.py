@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import mujoco
@@ -19,13 +18,13 @@ from numpy.typing import NDArray
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many
-from tensegrity_mj.engines.mujoco.answers import Answers
+from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
-from tensegrity_mj.engines.mujoco.motion import Supports
-from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with
+from tensegrity_mj.engines.mujoco.motion import set_supports
+from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, bound
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -55,10 +54,8 @@ class MuJoCoEnsemble:
     def __init__(self, options: MuJoCo, requests: Sequence[Request], threads: int) -> None:
         first, count = requests[0].scene, len(requests)
         self.options, self.seconds, self.stages = options, 0.0, options.stages
-        self.ready = self.prepare(first)
-        self.model, tree = self.ready.model, self.ready.tree
-        self.data = mujoco.MjData(self.model)
-        self.ready = self._bound(self.ready)
+        self.ready = within(self.prepare(first))
+        self.model, tree, self.data = self.ready.model, self.ready.tree, self.ready.data
         self.batch = Batch(self.model, count, threads)
         self.models, self.members = [self.model] * count, cast("list[MuJoCoRun]", [None] * count)
         self.counters, self.tables = np.zeros((count, 6), np.int64), np.zeros(count, np.int64)
@@ -78,7 +75,7 @@ class MuJoCoEnsemble:
         self.kept = {name: self.batch.bind(name) for name in kept}
         self.running = np.ones(count, np.int64)
         self.guide = many.Guide(self.model)
-        self.guide.set(token=TOKEN, run_count=count, runs=self.tables, running=self.running)
+        self.guide.set(token=TOKEN, runs=self.tables, running=self.running)
         self.guide.keep(self.kept)
 
     def prepare(self, scene: Scene) -> Prepared:
@@ -120,8 +117,8 @@ class MuJoCoEnsemble:
         `ready` is of the simulation's model; `first`: the scene that it was made from, if another.
         """
         data = self.data
-        ready = ready if ready.data is data else self._bound(ready)
-        member = MuJoCoRun(self.options, request, ready, data, first)
+        ready = ready if ready.data is data else within(ready, data)
+        member = MuJoCoRun(self.options, request, ready, first)
         self.counters[number] = member.counters
         member.counters = self.counters[number]
         # Limits of forces are of the run, though clipped strings never move them.
@@ -133,10 +130,6 @@ class MuJoCoEnsemble:
         self.batch.qpos[number], self.batch.qvel[number] = data.qpos, data.qvel
         self.batch.userdata[number] = TOKEN, number
         return member
-
-    def _bound(self, ready: Prepared) -> Prepared:
-        """With the data that runs are set up in, which suits all models of one kind."""
-        return replace(ready, data=self.data, table=bound(ready.model, self.data, ready.nodes, ready.slides))
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of a simulation."""
@@ -225,15 +218,14 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     """
     scene = plant.scene
     guide, answers = many.Guide(model), np.zeros(many.ANSWER_COUNT, np.int64)
-    ready = prepared_with(model, scene)
-    plant.take(bound(model, mujoco.MjData(model), ready.nodes, ready.slides))
+    ready = within(prepared_with(model, scene))
+    plant.take(ready.table)
     plant.set(designed=np.array(scene.structure.rest_lengths), force_range=np.zeros((plant["string_count"], 2)))
     if scene.motions:
-        Supports(scene, ready.tree, model, plant)
-    answers_found = Answers.of(scene, ready.tree, model, plant)
-    answer_size = 0 if answers_found is None else len(answers_found.room)
+        set_supports(scene, ready.tree, model, plant)
+    answer_size = set_answering(scene, ready.tree, model, plant)
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
-    guide.set(law_table=plant.address, lent_count=len(lent), lent=lent, answers=answers)
+    guide.set(law_table=plant.address, lent=lent, answers=answers)
     guide.set(answer_size=answer_size, room=many.law_room(plant, answer_size))
     with installed(guide, many.law_alone):
         yield answers

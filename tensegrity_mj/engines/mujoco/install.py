@@ -43,9 +43,8 @@ def finish(table):  # type: ignore[no-untyped-def]
 @cache
 def _installable(callback: CFunction) -> tuple[Any, Any]:
     """A callback as `mujoco.set_mjcb_control` takes it, and its place for the active table."""
-    function = ctypes.cast(callback.address, ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64))
-    _OWN.append(function)
-    return function, ctypes.c_int64.from_address(callback.variable(ACTIVE))
+    _OWN.append(callback.ctypes)
+    return callback.ctypes, ctypes.c_int64.from_address(callback.variable(ACTIVE))
 
 
 _OWN: list[Any] = []  # callbacks of this package's

@@ -17,10 +17,11 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED, controls_for
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
-from tensegrity_mj.engines.mujoco.motion import Supports
+from tensegrity_mj.engines.mujoco.motion import driving_forces
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
@@ -31,8 +32,9 @@ REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says 
 class JointForces:
     """What recorded states (T, nq + nv) of a run show of its rods and joints."""
 
-    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: Supports | None) -> None:
-        self.scene, self.tree, self.model, self.supports = scene, tree, model, supports
+    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> None:
+        """`run`: the table of the run, with its supports."""
+        self.scene, self.tree, self.model, self.run = scene, tree, model, run
         structure = scene.structure
         self.state = int(model.nq + model.nv)
         answers = structure.constraints or any(one.adds_mass for one in scene.effects)
@@ -70,7 +72,7 @@ class JointForces:
         forces = self._end_forces(rods.string_forces(structure, nodes, tensions) + loads, pulls, accelerations)
         sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
         r_accelerations = (1 - sigma) * accelerations[:, :, 0] + sigma * accelerations[:, :, 1]
-        found = rods.multipliers_of_ends(
+        found = rods.multipliers(
             structure, nodes, velocities, forces[:, :, 0], forces[:, :, 1], np.array(scene.gravity), r_accelerations
         )
         if not self._gaps:
@@ -92,16 +94,14 @@ class JointForces:
         structure, data = scene.structure, mujoco.MjData(model)
         T, R, C = len(time), len(structure.rods), len(self._gaps)
         accelerations, pulls, gaps = np.zeros((T, R, 2, 3)), np.zeros((T, C, 3)), np.zeros((T, C))
-        gravity, spatial = np.array(scene.gravity), np.zeros(6)
-        kind = mujoco.mjtObj.mjOBJ_SITE
         with np.errstate(all="ignore"):
             for row in range(T):
                 if not np.all(np.isfinite(states[row])):
                     accelerations[row], pulls[row], gaps[row] = np.nan, np.nan, np.nan
                     continue
                 data.qpos[:], data.qvel[:] = np.split(states[row], [model.nq])
-                if self.supports is not None:
-                    data.qfrc_applied[:] = self.supports.forces(scene, float(time[row]), model.nv)
+                if scene.motions:
+                    data.qfrc_applied[:] = driving_forces(self.run["driven"], scene, float(time[row]), model.nv)
                 mujoco.mj_fwdPosition(model, data)
                 mujoco.mj_fwdVelocity(model, data)
                 if len(structure.strings):
@@ -109,13 +109,7 @@ class JointForces:
                     data.ctrl[:] = controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
                 self._apply(data, loads[row])
                 mujoco.mj_forward(model, data)
-                if self._gaps:
-                    close_rigidly(model, data)
-                mujoco.mj_rnePostConstraint(model, data)
-                for rod in range(R):
-                    for end in range(2):
-                        mujoco.mj_objectAcceleration(model, data, kind, int(self._ends[rod, end]), spatial, 0)
-                        accelerations[row, rod, end] = spatial[3:] + gravity
+                accelerations[row] = site_accelerations(model, data, self._ends.ravel()).reshape(R, 2, 3)
                 pulls[row] = self._pulls(data)
                 for number, (site, own, *_) in enumerate(self._gaps):
                     gaps[row, number] = np.linalg.norm(data.site_xpos[site] - data.site_xpos[own])
@@ -160,6 +154,18 @@ class JointForces:
             out[:, rod, self._end(int(rod), node)] += pull
             out[:, parent, self._end(parent, node)] -= pull
         return out
+
+
+def site_accelerations(model: mujoco.MjModel, data: mujoco.MjData, sites: Any) -> Array:
+    """(n, 3) [m/s²] of sites (n,), once forces are known; joints that close loops are rigid, as by `close_rigidly`."""
+    if data.nefc and model.neq:
+        close_rigidly(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    out, spatial = np.zeros((len(sites), 3)), np.zeros(6)
+    for row, site in enumerate(sites):
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_SITE, int(site), spatial, 0)
+        out[row] = spatial[3:] + model.opt.gravity  # of a frame in free fall, as MuJoCo has it
+    return out
 
 
 def close_rigidly(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -32,7 +32,7 @@ from tensegrity_mj.dynamics.native.slack import (
 from tensegrity_mj.dynamics.native.strings import measure_strings
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.callback import finish_row, read_nodes
-from tensegrity_mj.engines.mujoco.motion import constraint_work
+from tensegrity_mj.engines.mujoco.motion import count_constraints
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUN, RUNNING, STAGE, STEP, RunView
 from tensegrity_mj.engines.request import Request
@@ -66,20 +66,10 @@ def after_first_stage(table: int, kept: Any, search: int) -> None:
     Its powers [W] are kept with it, since their work counts with the length of the step.
     """
     finish_row(table)  # a trial begins after it, and knows its own tensions alone
-    RunView(table).powers[2] += _count_constraints(table)
+    run = RunView(table)
+    run.powers[2] += count_constraints(run, run.step / 6.0, False)
     copy_state(kept, SOURCE, AT_START)
     look_at_start(table, search)
-
-
-@borrowing
-def _count_constraints(table: int) -> float:
-    """Count what constraints did to moved supports over the stage before, whose forces are known now: their power."""
-    run = RunView(table)
-    if run.motion_count == 0 or not run.constrained:
-        return 0.0
-    power = constraint_work(run, 1.0, False)
-    run.work[2] += run.step / 6.0 * power
-    return power
 
 
 @borrowing
@@ -99,7 +89,8 @@ def after_last_stage(table: int, t: float, h: float, search: int) -> float:
 
     The last stage's work is counted.
     """
-    _count_constraints(table)
+    run = RunView(table)
+    count_constraints(run, run.step / 6.0, False)
     if follows_law(table) and not read_nodes(table):
         return UNKNOWN
     answer = set_rest_lengths(table, t)
@@ -107,14 +98,15 @@ def after_last_stage(table: int, t: float, h: float, search: int) -> float:
         return UNKNOWN
     part = look_at_end(table, search, h)
     if part == 0.0 and follows_law(table):
-        RunView(table).answered = 1 + answer
+        run.answered = 1 + answer
     return part
 
 
 @borrowing
 def after_trial(table: int, t: float, part: float, search: int) -> bool:
     """Whether to go on with a search, after a part of the step that ends at t. The last stage's work is counted."""
-    _count_constraints(table)
+    run = RunView(table)
+    count_constraints(run, run.step / 6.0, False)
     if not read_nodes(table):
         return look_at_trial(table, search, part, FAILED)
     measure_strings(table)

@@ -20,7 +20,7 @@ import numpy as np
 
 from tensegrity_mj.dynamics.native.actuation import command_as_lengths, evaluate_law
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.elements import lend_room, let_act, room_of_elements
+from tensegrity_mj.dynamics.native.elements import lend_room, let_act, room_of_elements, set_motions
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import (
@@ -35,18 +35,18 @@ from tensegrity_mj.dynamics.native.pointers import (
     stack_doubles,
 )
 from tensegrity_mj.dynamics.native.strings import tighten_strings
-from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.dynamics.native.views import Table, fields_of, view_of
 from tensegrity_mj.engines.mujoco.answers import add_answers
 from tensegrity_mj.engines.mujoco.callback import (
     apply_loads,
     control_stage,
-    move_supports,
     read_nodes,
     set_controls,
     settle,
 )
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
+from tensegrity_mj.engines.mujoco.motion import drive
 from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, RunView
 
 USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the number of the simulation
@@ -58,38 +58,32 @@ LENT = (
     *("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved"),
     *("segment_lengths", "held_mass"),
 )
-GUIDE: dict[str, Any] = {
-    # How a model is recognized: numbers of mjModel, each with where it is there.
-    **{name: "size" for one in ("signature", "strings", "sites", "bodies", "userdata") for name in (one, f"{one}_at")},
-    "gains_at": "size",
-    "biases_at": "size",
-    "ends_at": "size",
-    "springs": ("f8", "strings", 4),
-    "last_word": "size",
-    "end_words": "size",
-    "ends": ("i8", "end_words"),
+GUIDE = fields_of(
+    sizes=("i8", "size_count", 2),  # how a model is recognized: where mjModel has a whole number, and which
+    gains_at="size",
+    biases_at="size",
+    ends_at="size",
+    springs=("f8", "strings", 4),
+    last_word="size",
+    ends=("i8", "end_words"),
     # Of an MjData: where it has what, and at which places of a run's table that belongs.
-    "time_at": "size",
-    "data_at": "size",  # of its userdata
-    "field_count": "size",
-    "fields": ("i8", "field_count", 2),
+    time_at="size",
+    data_at="size",  # of its userdata
+    fields=("i8", "field_count", 2),
     # Many runs: the token, the addresses of their tables, and whether they are under way.
-    "token": "real",
-    "run_count": "size",
-    "runs": ("i8", "run_count"),
-    "running": ("i8", "run_count"),
+    token="real",
+    runs=("i8", "run_count"),
+    running=("i8", "run_count"),
     # What outlives an MjData: the place in a run's table, the address for the first run, and bytes from run to run.
-    "kept_count": "size",
-    "kept": ("i8", "kept_count", 3),
+    kept=("i8", "kept_count", 3),
     # A law alone: the table that is copied, places and sizes of what is lent, and what was answered.
-    "law_table": "size",
-    "lent_count": "size",
-    "lent": ("i8", "lent_count", 2),
-    "answer_size": "size",  # numbers of scratch for what answers accelerations, and in all
-    "room": "size",
-    "answers": ("i8", ANSWER_COUNT),
-}
-_GuideView, _ = view_of("Guide", **GUIDE)
+    law_table="size",
+    lent=("i8", "lent_count", 2),
+    answer_size="size",  # numbers of scratch for what answers accelerations, and in all
+    room="size",
+    answers=("i8", ANSWER_COUNT),
+)
+_GuideView, _ = view_of("Guide", **dict(GUIDE))
 
 
 @inlined
@@ -101,13 +95,10 @@ def _at(address: int, offset: int) -> int:
 @inlined
 def _is_ours(guide: Any, model: int) -> bool:
     """Whether a model is the one that the tables were made for."""
-    return (
-        _at(model, guide.signature_at) == guide.signature
-        and _at(model, guide.strings_at) == guide.strings
-        and _at(model, guide.sites_at) == guide.sites
-        and _at(model, guide.bodies_at) == guide.bodies
-        and _at(model, guide.userdata_at) == guide.userdata
-    )
+    sizes, same = guide.sizes, True
+    for n in range(len(sizes)):
+        same &= _at(model, sizes[n, 0]) == sizes[n, 1]
+    return same
 
 
 @borrowing
@@ -183,9 +174,10 @@ def _command(guide: Any, data: int, table: int) -> int:
     if not read_nodes(table):
         return SOLVED  # MuJoCo itself warns of such states
     if run.motion_count > 0:
-        move_supports(table, t, False)
+        set_motions(table, t)
         if run.status != 0:
             return FAILED
+        drive(run, False)
     if run.element_count > 0 or run.answering != 0:
         let_act(table, t)
         if run.status != 0:
@@ -258,30 +250,27 @@ class Guide(Table):
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        super().__init__("guide", tuple(GUIDE.items()))
+        super().__init__("guide", GUIDE)
         data = mujoco.MjData(model)
         names = {name: name for name in OF_DATA} | ALIASES
         check_layout(model, data, (*names.values(), "userdata"))
         places = {name: place for place, (name, _) in enumerate(RUN)}
         sites = np.array(model.wrap_objid, np.int32)
         fields = np.array([(places[name], offset("mjData", of)) for name, of in names.items()], np.int64)
-        sizes = {"strings": "nu", "sites": "nsite", "bodies": "nbody", "userdata": "nuserdata"}
+        sizes = [
+            (offset("mjModel", of), getattr(model, of)) for of in ("signature", "nu", "nsite", "nbody", "nuserdata")
+        ]
         self.set(
-            signature=np.array(model.signature, np.uint64).view(np.int64),
-            signature_at=offset("mjModel", "signature"),
-            **{name: getattr(model, of) for name, of in sizes.items()},
-            **{f"{name}_at": offset("mjModel", of) for name, of in sizes.items()},
+            sizes=np.array(sizes, np.uint64).view(np.int64),
             gains_at=offset("mjModel", "actuator_gainprm"),
             biases_at=offset("mjModel", "actuator_biasprm"),
             ends_at=offset("mjModel", "wrap_objid"),
             springs=np.column_stack([model.actuator_gainprm[:, :1], model.actuator_biasprm[:, :3]]),
             # Sites are 32-bit numbers, two of them one of 64 bits; of the last, half may be beyond them.
-            end_words=(len(sites) + 1) // 2,
             ends=np.append(sites, np.zeros(len(sites) % 2, np.int32)).view(np.int64),
             last_word=0xFFFFFFFF if len(sites) % 2 else -1,
             time_at=offset("mjData", "time"),
             data_at=offset("mjData", "userdata"),
-            field_count=len(fields),
             fields=fields,
         )
 
@@ -289,4 +278,4 @@ class Guide(Table):
         """Set where copies of MjData's arrays are, each a row a simulation, by their names in a run's table."""
         places = {name: place for place, (name, _) in enumerate(RUN)}
         kept = [(places[name], array.ctypes.data, array.strides[0]) for name, array in copies.items()]
-        self.set(kept_count=len(kept), kept=np.array(kept, np.int64))
+        self.set(kept=np.array(kept, np.int64))

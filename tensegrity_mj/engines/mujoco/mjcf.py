@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
-from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
+from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Bodies, Names, hardness, size
 from tensegrity_mj.engines.mujoco.mjcf_elastic import add_bars
 from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
@@ -105,14 +105,8 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
     _floor(root, world, scene)
     thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * size(scene))
-    site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
-    moved = {structure.node_names[row] for row, _ in tree.moved_nodes}
-    for name in structure.fixed_nodes:
-        if name not in moved:
-            position = scene.nodes0[structure.node_index[name]]
-            add_site(world, name, position, site)
     names = Names(scene, tree)
-    add_bodies(world, scene, tree, names, thickness)
+    Bodies(world, scene, tree, names, thickness).add()
     if structure.strings:
         _strings(root, scene, thickness)
     add_bars(root, world, scene, tree, names)

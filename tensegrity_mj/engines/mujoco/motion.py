@@ -25,7 +25,7 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import borrowing
+from tensegrity_mj.dynamics.native.pointers import borrowing, copy
 from tensegrity_mj.dynamics.native.vectors import dot
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
@@ -98,88 +98,88 @@ def support_power(run: Any) -> float:
 
 @borrowing
 def keep_rates(run: Any) -> None:
-    """Keep ḋ of this stage until its constraint forces are known."""
+    """Keep velocities and ḋ of this stage until its constraint forces are known."""
     slides, moved = run.driven, run.moved
+    if run.touches:
+        copy(run.qvel, run.kept_rates)
     for s in range(len(slides)):
         slides[s].kept = dot(slides[s].axis, moved[slides[s].motion, 1])
     run.awaits_constraints = 1
 
 
 @borrowing
-def constraint_work(run: Any, weight: float, one_stage: bool) -> float:
-    """-∫ F ḋ dt [J] over the stage before, of this weight [s], F of contacts and of joints that close loops.
+def count_constraints(run: Any, weight: float, one_stage: bool) -> float:
+    """Count the work of contacts over the stage before, of this weight [s], and -∫ F ḋ dt of supports.
 
-    An integrator of one stage holds its forces over the step: their work counts the speeds at both ends.
+    F is of contacts and of joints that close loops. Returns -Σ F ḋ [W]. An integrator of one stage holds its forces
+    over the step: their work counts the speeds at both ends.
     """
     if not run.awaits_constraints:
         return 0.0
     run.awaits_constraints = 0
-    slides, moved, pulls, total = run.driven, run.moved, run.qfrc_constraint, 0.0
+    slides, moved, pulls, kept, now = run.driven, run.moved, run.qfrc_constraint, run.kept_rates, run.qvel
+    power, total = 0.0, 0.0
+    if run.touches:
+        for i in range(len(pulls)):
+            power += pulls[i] * (0.5 * (kept[i] + now[i]) if one_stage else kept[i])
     for s in range(len(slides)):
         slide = slides[s]
         rate = slide.kept
         if one_stage:
             rate = 0.5 * (rate + dot(slide.axis, moved[slide.motion, 1]))
         total -= pulls[slide.dof] * rate
-    return weight * total
+    run.work[2] += weight * power
+    run.work[2] += weight * total
+    return total
 
 
-class Supports:
-    """The moved supports of a run.
+def set_supports(scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table, start: Scene | None = None) -> None:
+    """Set the moved supports of a scene in the table of a run; `start`: what its model was made from, if another."""
+    structure = scene.structure
+    names = Names(scene, tree)
+    rods = [model.body(name).id for name in names.rods]
+    sites = model.site_bodyid[[model.site(name).id for name in structure.node_names]]
+    roots = model.body_rootid
+    N, paths = len(structure.nodes), structure.paths
+    places: list[tuple[int, int, Array, int]] = []  # body, slides before the driven ones, axes, motion
+    for number, motion in enumerate(scene.motions):
+        for rod, joint in enumerate(tree.joints):
+            if structure.rods[rod].name == motion.support:
+                places.append((rods[rod], joint.slides.shape[1], joint.moved, number))
+        for (row, axes), name in zip(tree.moved_nodes, names.moved, strict=True):
+            if structure.node_names[row] == motion.support:
+                places.append((model.body(name).id, 0, axes, number))
+    count = sum(axes.shape[1] for _, _, axes, _ in places)
+    slides = np.zeros(count, SLIDE)
+    shares = mass_at_ends(structure)
+    masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, len(paths.nodes)))
+    at = 0
+    for body, before, axes, number in places:
+        origin = (start or scene).motions[number].at(0.0)[0]
+        for k, axis in enumerate(axes.T):
+            slide = slides[at]
+            slide["motion"], slide["axis"], slide["offset"] = number, axis, axis @ origin
+            slide["place"] = model.jnt_qposadr[model.body_jntadr[body] + before + k]
+            slide["dof"] = model.body_dofadr[body] + before + k
+            slide["drive"] = model.dof_armature[slide["dof"]]
+            members[at] = roots[sites] == body
+            reach[at] = members[at][paths.nodes] @ [1.0, -1.0]
+            for rod, pair in enumerate(structure.rod_nodes):
+                if roots[rods[rod]] == body:
+                    masses[at, pair] += shares[rod]
+            slide["weight"] = masses[at].sum() * (np.array(scene.gravity) @ axis)
+            at += 1
+    run.set(
+        driven=slides,
+        driven_masses=masses,
+        driven_nodes=members,
+        driven_segments=reach,
+    )
 
-    Attributes:
-        slides: records of `SLIDE`.
-    """
 
-    def __init__(
-        self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table, start: Scene | None = None
-    ) -> None:
-        """Of a scene in a model, set in the table of the run; `start`: what the model was made from, if another."""
-        structure = scene.structure
-        names = Names(scene, tree)
-        rods = [model.body(name).id for name in names.rods]
-        sites = model.site_bodyid[[model.site(name).id for name in structure.node_names]]
-        roots = model.body_rootid
-        N, paths = len(structure.nodes), structure.paths
-        places: list[tuple[int, int, Array, int]] = []  # body, slides before the driven ones, axes, motion
-        for number, motion in enumerate(scene.motions):
-            for rod, joint in enumerate(tree.joints):
-                if structure.rods[rod].name == motion.support:
-                    places.append((rods[rod], joint.slides.shape[1], joint.moved, number))
-            for (row, axes), name in zip(tree.moved_nodes, names.moved, strict=True):
-                if structure.node_names[row] == motion.support:
-                    places.append((model.body(name).id, 0, axes, number))
-        count = sum(axes.shape[1] for _, _, axes, _ in places)
-        self.slides = np.zeros(count, SLIDE)
-        shares = mass_at_ends(structure)
-        masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, len(paths.nodes)))
-        at = 0
-        for body, before, axes, number in places:
-            origin = (start or scene).motions[number].at(0.0)[0]
-            for k, axis in enumerate(axes.T):
-                slide = self.slides[at]
-                slide["motion"], slide["axis"], slide["offset"] = number, axis, axis @ origin
-                slide["place"] = model.jnt_qposadr[model.body_jntadr[body] + before + k]
-                slide["dof"] = model.body_dofadr[body] + before + k
-                slide["drive"] = model.dof_armature[slide["dof"]]
-                members[at] = roots[sites] == body
-                reach[at] = members[at][paths.nodes] @ [1.0, -1.0]
-                for rod, pair in enumerate(structure.rod_nodes):
-                    if roots[rods[rod]] == body:
-                        masses[at, pair] += shares[rod]
-                slide["weight"] = masses[at].sum() * (np.array(scene.gravity) @ axis)
-                at += 1
-        run.set(
-            driven_count=count,
-            driven=self.slides,
-            driven_masses=masses,
-            driven_nodes=members,
-            driven_segments=reach,
-        )
-
-    def forces(self, scene: Scene, time: float, nv: int) -> Array:
-        """What drives the supports at a time: generalized forces (nv,)."""
-        out = np.zeros(nv)
-        for slide in self.slides:
-            out[slide["dof"]] = slide["drive"] * (slide["axis"] @ scene.motions[slide["motion"]].at(time)[2])
-        return out
+def driving_forces(slides: Any, scene: Scene, time: float, nv: int) -> Array:
+    """What drives supports by `slides` at a time: generalized forces (nv,)."""
+    out = np.zeros(nv)
+    for slide in slides:
+        out[slide["dof"]] = slide["drive"] * (slide["axis"] @ scene.motions[slide["motion"]].at(time)[2])
+    return out

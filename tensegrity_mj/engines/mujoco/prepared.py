@@ -15,7 +15,6 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
-from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
@@ -41,7 +40,7 @@ class Prepared:
         nodes: site, body and root of the kinematic tree of each node, (N,) int64 each.
         slides: (R, 11) of each rod, the number of its translational coordinates, their first dof, and their axes (3, 3)
             padded, by rows. Zeros where rods share nodes, whose accelerations are found afterwards.
-        data: at the model's start, of what is lent to a run.
+        data: what runs are made in (`within`).
         table: of runs in it, with what is the same for all of them.
     """
 
@@ -50,8 +49,8 @@ class Prepared:
     velocities: Array
     nodes: tuple[Any, Any, Any]
     slides: Array
-    data: mujoco.MjData | None = None
-    table: Table | None = None
+    data: Any = None
+    table: Any = None  # a `Table`
 
 
 def prepared(scene: Scene, timestep: float, integrator: str, userdata: int = 0) -> Prepared:
@@ -74,11 +73,15 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
     found = _known(scene)
     spare = _spare.pop("last", found)
     if spare.tree is not found.tree or spare.data is None:
-        model = copy.copy(found.model)
-        data = mujoco.MjData(model)
-        spare = replace(found, model=model, data=data, table=bound(model, data, found.nodes, found.slides))
+        spare = within(replace(found, model=copy.copy(found.model)))
     mujoco.mj_resetData(spare.model, spare.data)
     return _set(spare, scene, timestep, integrator)
+
+
+def within(ready: Prepared, data: mujoco.MjData | None = None) -> Prepared:
+    """With the table of runs in data, of its own by default."""
+    data = mujoco.MjData(ready.model) if data is None else data
+    return replace(ready, data=data, table=bound(ready.model, data, ready.nodes, ready.slides))
 
 
 def give_back(ready: Prepared) -> None:

@@ -14,11 +14,11 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
-from tensegrity_mj.engines.mujoco.answers import Answers
+from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.contact import Contacts
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
-from tensegrity_mj.engines.mujoco.motion import Supports
+from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
 from tensegrity_mj.engines.mujoco.run_view import (
     END_STEP,
@@ -32,7 +32,6 @@ from tensegrity_mj.engines.mujoco.run_view import (
     STAGE,
     STEP,
     WAITING,
-    bound,
 )
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
@@ -70,7 +69,8 @@ def causes_of(counts: Any, finite: bool, made: int, steps: int) -> list[str]:
 class MuJoCoRun:
     """One run: model, data, plant, and what is made of the recorded rows.
 
-    A run that is one of many (`many`) shares the model, and the data that it is set up with.
+    A run that is one of many (`many`) shares the model, and the data that it is set up with: `ready`, and `start`, the
+    scene that it was made from, if another.
     """
 
     def __init__(
@@ -78,7 +78,6 @@ class MuJoCoRun:
         options: MuJoCo,
         request: Request,
         ready: Prepared | None = None,
-        data: mujoco.MjData | None = None,
         start: Scene | None = None,
     ) -> None:
         self.options, self.request = options, request
@@ -86,25 +85,17 @@ class MuJoCoRun:
         require(options, scene)
         self.grid = Grid.of(request, options.timestep)
         self.ready = ready = lent(scene, options.timestep, options.word) if ready is None else ready
-        self.model, self.tree = ready.model, ready.tree
+        self.model, self.tree, self.data = ready.model, ready.tree, ready.data
+        self.data.qvel[:] = ready.velocities  # positions are the model's own
         self.cause = ""  # of an end that the callback does not see
-        table = ready.table
-        if data is None:
-            data = ready.data or mujoco.MjData(self.model)
-            # Positions are the model's own.
-            data.qvel[:] = ready.velocities
-        if table is None or ready.data is not data:
-            table = bound(self.model, data, ready.nodes, ready.slides)
-        self.data: Any = data
         self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN, carried(scene))
         self.times = self.grid.times
         self.width = plant["row_width"]
-        plant.take(table)
+        plant.take(ready.table)
         self.contacts = None if scene.contact is None else Contacts(structure, self.model, plant)
-        self.supports = Supports(scene, self.tree, self.model, plant, start) if scene.motions else None
-        self.joints = None
-        if structure.class_number > 1:
-            self.joints = JointForces(scene, self.tree, self.model, self.supports)
+        if scene.motions:
+            set_supports(scene, self.tree, self.model, plant, start)
+        self.joints = JointForces(scene, self.tree, self.model, plant) if structure.class_number > 1 else None
         more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contacts) if part)
         more += len(structure.constraints)
         # One row more than the grid has, for where a law stops the run.
@@ -119,10 +110,10 @@ class MuJoCoRun:
             powers=np.zeros(3),
             resets=True,
             writes_state=self.joints is not None,
-            constrained=scene.contact is not None or bool(self.tree.forest.closures),
+            constrained=scene.contact is not None or bool(scene.motions and self.tree.forest.closures),
             resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),
         )
-        self.answers = Answers.of(scene, self.tree, self.model, plant)
+        set_answering(scene, self.tree, self.model, plant)
 
     def run(self) -> Trajectory:
         counters = self.counters

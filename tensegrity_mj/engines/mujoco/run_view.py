@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.views import Fields, Table, changing_view, view_of
+from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of, view_of
 from tensegrity_mj.engines.driving import STEPPED
 
 SLIDE = np.dtype(
@@ -23,72 +23,64 @@ SLIDE = np.dtype(
     align=True,
 )
 
-RUN: Fields = (
-    *STEPPED,
-    ("data", "size"),  # address of the MjData
-    # Its sizes, and its arrays as MuJoCo names them.
-    ("site_count", "size"),
-    ("body_count", "size"),
-    ("nq", "size"),
-    ("nv", "size"),
-    ("entries", "size"),
-    ("site_xpos", ("f8", "site_count", 3)),
-    ("cvel", ("f8", "body_count", 6)),
-    ("subtree_com", ("f8", "body_count", 3)),
-    ("xipos", ("f8", "body_count", 3)),
-    ("xfrc_applied", ("f8", "body_count", 6)),
-    ("qpos", ("f8", "nq")),
-    ("qvel", ("f8", "nv")),
-    ("qacc", ("f8", "nv")),
-    ("qfrc_applied", ("f8", "nv")),
-    ("qfrc_constraint", ("f8", "nv")),
-    ("qfrc_bias", ("f8", "nv")),
-    ("qfrc_passive", ("f8", "nv")),
-    ("cdof", ("f8", "nv", 6)),
-    ("cdof_dot", ("f8", "nv", 6)),
-    ("M", ("f8", "entries")),
-    ("ctrl", ("f8", "string_count")),
-    ("actuator_force", ("f8", "string_count")),
-    ("force_range", ("f8", "string_count", 2)),  # of the model
+RUN = fields_of(
+    STEPPED,
+    data="size",  # address of the MjData
+    # Its arrays as MuJoCo names them.
+    site_xpos=("f8", "site_count", 3),
+    cvel=("f8", "body_count", 6),
+    subtree_com=("f8", "body_count", 3),
+    xipos=("f8", "body_count", 3),
+    xfrc_applied=("f8", "body_count", 6),
+    qpos=("f8", "nq"),
+    qvel=("f8", "nv"),
+    qacc=("f8", "nv"),
+    qfrc_applied=("f8", "nv"),
+    qfrc_constraint=("f8", "nv"),
+    qfrc_bias=("f8", "nv"),
+    qfrc_passive=("f8", "nv"),
+    cdof=("f8", "nv", 6),
+    cdof_dot=("f8", "nv", 6),
+    M=("f8", "entries"),
+    ctrl=("f8", "string_count"),
+    actuator_force=("f8", "string_count"),
+    force_range=("f8", "string_count", 2),  # of the model
     # Where nodes are, and what strings' controls count from.
-    ("node_sites", ("i8", "node_count")),
-    ("node_bodies", ("i8", "node_count")),
-    ("node_roots", ("i8", "node_count")),
-    ("designed", ("f8", "string_count")),
+    node_sites=("i8", "node_count"),
+    node_bodies=("i8", "node_count"),
+    node_roots=("i8", "node_count"),
+    designed=("f8", "string_count"),
     # The course of the run.
-    ("stages", "size"),
-    ("counters", ("i8", 6)),  # `Counters`
-    ("work", ("f8", 3)),  # integrals: elastic string work, dissipation, external work
-    ("part", "state"),  # of a step that is split, of which `step` is one part: 1, and when the part begins
-    ("begins", "real"),  # [s]
-    ("answered", "state"),  # where rest lengths of this very state are known already: 1 + what the law answered
-    ("powers", ("f8", 3)),  # [W] of the last stage whose work was counted
-    ("slides", ("f8", "rod_count", 11)),  # of a rod: translational coordinates, how many, first dof, and axes
-    ("writes_state", "size"),  # whether rows have qpos and qvel
+    stages="size",
+    counters=("i8", 6),  # `Counters`
+    work=("f8", 3),  # integrals: elastic string work, dissipation, external work
+    part="state",  # of a step that is split, of which `step` is one part: 1, and when the part begins
+    begins="real",  # [s]
+    answered="state",  # where rest lengths of this very state are known already: 1 + what the law answered
+    powers=("f8", 3),  # [W] of the last stage whose work was counted
+    slides=("f8", "rod_count", 11),  # of a rod: translational coordinates, how many, first dof, and axes
+    writes_state="size",  # whether rows have qpos and qvel
     # Contact (`contact`).
-    ("touches", "size"),  # whether there is any
-    ("awaits_contact", "state"),
-    ("kept_rates", ("f8", "nv")),
-    ("spin_count", "size"),
-    ("spin_dofs", ("i8", "spin_count")),
-    ("spin_inertia", ("f8", "spin_count")),
+    touches="size",  # whether there is any
+    kept_rates=("f8", "nv"),
+    spin_dofs=("i8", "spin_count"),
+    spin_inertia=("f8", "spin_count"),
     # Moved supports (`motion`).
-    ("driven_count", "size"),
-    ("driven", (SLIDE, "driven_count")),
-    ("driven_masses", ("f8", "driven_count", "node_count")),
-    ("driven_nodes", ("f8", "driven_count", "node_count")),
-    ("driven_segments", ("f8", "driven_count", "segment_count")),
-    ("resets", "size"),  # whether slides and constraints are put where they belong at the start of each step
-    ("constrained", "size"),  # whether constraints may pull at them
-    ("awaits_constraints", "state"),
+    driven=(SLIDE, "driven_count"),
+    driven_masses=("f8", "driven_count", "node_count"),
+    driven_nodes=("f8", "driven_count", "node_count"),
+    driven_segments=("f8", "driven_count", "segment_count"),
+    resets="size",  # whether slides and constraints are put where they belong at the start of each step
+    constrained="size",  # whether constraints do work: those of contact, and any that pull at supports
+    awaits_constraints="state",
     # Added mass and linear constraints (`answers`).
-    ("answering", "size"),  # address of an `Answering`, or 0
-    ("constraint_count", "size"),
-    ("answer_room", "state"),  # address of scratch, which begins with the constraints' forces
+    answering="size",  # address of an `Answering`, or 0
+    constraint_count="size",
+    answer_room="state",  # address of scratch, which begins with the constraints' forces
 )
 RunView = changing_view("Run", RUN)
-_NAMES = [name for name, _ in RUN]
-OF_DATA = tuple(_NAMES[_NAMES.index("site_xpos") : _NAMES.index("force_range")])  # fields that are arrays of MjData
+_ARRAYS = [name for name, field in RUN if not isinstance(field, str)]
+OF_DATA = tuple(_ARRAYS[_ARRAYS.index("site_xpos") : _ARRAYS.index("force_range")])  # fields that are arrays of MjData
 ALIASES = {"lengths": "ten_length", "rates": "ten_velocity"}  # those that have another name there
 
 
@@ -98,8 +90,6 @@ def bound(model: Any, data: Any, nodes: tuple[Any, Any, Any], slides: Any) -> Ta
     Site, body and root of each node (N,), and (R, 11) of each rod.
     """
     table, (sites, bodies, roots) = Table("run", RUN), nodes
-    sizes = {"site_count": model.nsite, "body_count": model.nbody, "nq": model.nq, "nv": model.nv}
-    table.set(node_count=len(sites), string_count=model.nu, rod_count=len(slides), entries=len(data.M), **sizes)
     table.set(**{name: getattr(data, name) for name in OF_DATA})
     table.set(**{name: getattr(data, of)[: model.nu] for name, of in ALIASES.items()})  # strings are the first tendons
     table.set(data=data._address, force_range=model.actuator_forcerange, slides=slides)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from tensegrity_mj.engines.accuracy.ladder import LEAST_TOLERANCE, Ladder
+from tensegrity_mj.engines.accuracy.ladder import ATOL, LEAST_TOLERANCE, Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import Way, can_locate, find, fixed_step_way, round_off
+from tensegrity_mj.engines.accuracy.search import can_locate, find, fixed_steps, round_off
 from tensegrity_mj.engines.accuracy.steps import FEWEST_STEPS
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.reference.method import Method
@@ -18,7 +18,6 @@ from tensegrity_mj.runs.trajectory import Trajectory
 GROWTH = {Method.DOP853: 1 / 8, Method.RADAU: 1 / 5}  # of the cost, in powers of 1 / tolerance
 RK4_ORDER, RK4_STAGES = 4, 4
 FIRST_TOLERANCE = 1e-3
-ATOL = 1e-2  # of rtol
 FEWEST = 100.0  # evaluations of any error-controlled run
 PER_TURN = 2.0  # evaluations by DOP853 for each radian or time constant of the fastest motion: 12 for 6, where it ends
 STIFF = 2e4  # of these, above which an implicit method is tried, which may skip what is fast
@@ -53,18 +52,16 @@ def run_accurately(
     def longest(rates: Rates) -> float:
         return rates.resolving_step(request.duration, RK4_ORDER)
 
-    name = Method.RK4.value
-    rk4 = fixed_step_way(name, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located)
-
-    def controlled(method: Method, first_cost: float) -> Way:
+    def controlled(method: Method, first_cost: float) -> Ladder:
         interval = request.output_interval or min(DEFAULT_INTERVAL, request.duration / FEWEST_STEPS)
         sampled = replace(request, output_interval=interval)
 
         def run(rtol: float) -> Trajectory:
             return made(with_method(method=method, rtol=rtol, atol=ATOL * rtol), sampled)
 
-        ladder = Ladder(
+        return Ladder(
             name=method.value,
+            run=run,
             order=0,
             first=FIRST_TOLERANCE,
             growth=GROWTH[method],
@@ -73,10 +70,10 @@ def run_accurately(
             floor=round_off(request),
             least=LEAST_TOLERANCE,
         )
-        return Way(ladder, run, lambda rtol: {"rtol": rtol, "atol": ATOL * rtol})
 
     fast = max(start.turn, start.decay) * request.duration
-    ways = [rk4, controlled(Method.DOP853, FEWEST + PER_TURN * fast)]
+    rk4 = fixed_steps(Method.RK4.value, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located)
+    ladders = [rk4, controlled(Method.DOP853, FEWEST + PER_TURN * fast)]
     if fast > (DAMPED if start.decay > start.turn else STIFF):
-        ways.append(controlled(Method.RADAU, IMPLICIT))
-    return find(accuracy, ways, request)
+        ladders.append(controlled(Method.RADAU, IMPLICIT))
+    return find(accuracy, ladders, request)

@@ -88,10 +88,6 @@ class ErrorControlled:
         self.rows = allocate_rows(len(self.times) + 1, run.width)  # one more, for where a run stops
         self.next = 0
 
-    @property
-    def _margin_column(self) -> int:
-        return self.plant["row_width"] - REPORT_SIZE + Report.FEASIBILITY_MARGIN
-
     def integrate(self) -> Trajectory:
         """The whole run.
 
@@ -363,9 +359,11 @@ class ErrorControlled:
     def _give_up(self, cause: str, remedy: str = REMEDY) -> None:
         t = self.t if self.solver is None else float(self.solver.t)
         margin = float(self.plant["report"][Report.FEASIBILITY_MARGIN])
-        recorded = self.rows[: self.next, self._margin_column]
+        width = self.plant["row_width"]
+        reported = self.rows[: self.next, width - REPORT_SIZE : width]
+        recorded = reported[:, Report.FEASIBILITY_MARGIN]
         # At a target margins are as large as V is small, and show nothing of later ones.
-        away = ~(self.rows[: self.next, self._margin_column + Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)
+        away = ~(reported[:, Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)
         if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded[away]), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"
         partial = self.run.finish(

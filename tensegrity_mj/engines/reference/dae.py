@@ -10,11 +10,8 @@ from __future__ import annotations
 
 import enum
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
-
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.dynamics.assembly import AssemblyRecords, needs_assembly, note_redundancy
@@ -24,10 +21,10 @@ from tensegrity_mj.dynamics.native.views import Fields
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
-from tensegrity_mj.engines.reference.equations import RODS, WORK
+from tensegrity_mj.engines.reference.equations import RODS
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
@@ -64,7 +61,7 @@ class DAE(ReferenceEngine):
     """Options of the reference engine.
 
     Attributes:
-        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `Options`.
+        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `ReferenceEngine`.
         drift: see `Drift`; the drift is reported whatever is chosen. By default NORMALIZE with fixed steps, where it
             costs a few per cent and keeps long runs sound, and MONITOR with an error-controlled method.
         solver: see `Solver`.
@@ -109,32 +106,16 @@ class DAE(ReferenceEngine):
         """Whether a structure is one system."""
         return self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(structure)
 
-    def accelerations(self, request: Request) -> Accelerations:
-        """Node accelerations of the equations that `run` integrates."""
-        run, records = self._prepared(request)
-        nq = records.nq
-
-        def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
-            run.y[:nq], run.y[nq : 2 * nq] = records.state(nodes, velocities)
-            rates = run.rates_at(time, run.y, rest_lengths)
-            return run.plant["nodes"].copy(), records.node_accelerations(rates[nq : 2 * nq])
-
-        return at
-
-    def _prepared(self, request: Request) -> tuple[IntegratedRun, _Records]:
-        scene = request.scene
-        require(self, scene)
+    def prepared(self, request: Request) -> IntegratedRun:
+        """See `ReferenceEngine`."""
+        require(self, request.scene)
         plant, records, equations = self._model(request)
-        nq = records.nq
-        baumgarte = self.drift is Drift.BAUMGARTE
-        kp = self.baumgarte_frequency**2 if baumgarte else 0.0
-        kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
-        plant.set(coordinates=nq, kp=kp, kd=kd)
-        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
-        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
+        if self.drift is Drift.BAUMGARTE:
+            omega, zeta = self.baumgarte_frequency, self.baumgarte_damping
+            plant.set(kp=omega**2, kd=2 * zeta * omega)
         if self.drift is not Drift.NORMALIZE:
             equations = replace(equations, project=None)
-        return IntegratedRun("DAE", self, request, plant, y, equations), records
+        return IntegratedRun(self, request, plant, records, equations)
 
     def _model(self, request: Request) -> _Model:
         """The equations for a structure and its supports."""
@@ -146,9 +127,8 @@ class DAE(ReferenceEngine):
         return _rods_alone(request) if alone else _rods_linked(request, solver)
 
 
-_Records: TypeAlias = StructureRecords | LinkedRecords | AssemblyRecords
 # A plant with what the compiled functions of a model read, its records, and these functions.
-_Model: TypeAlias = tuple[Plant, _Records, Equations]
+_Model: TypeAlias = tuple[Plant, StructureRecords | LinkedRecords | AssemblyRecords, Equations]
 
 
 def _plant(request: Request, fields: Fields) -> Plant:
@@ -158,14 +138,11 @@ def _plant(request: Request, fields: Fields) -> Plant:
 def _rods_alone(request: Request) -> _Model:
     """Class 1, supports at rest: each rod's equations by themselves."""
     plant, records = _plant(request, RODS), StructureRecords.of(request.scene.structure)
-    plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
+    plant.set(rods=records.rods, points=records.points)
     equations = Equations(
         place=dae.dae_place,
         accelerate=dae.dae_accelerate,
-        wet=dae.dae_wet_accelerate,
         project=dae.dae_normalize,
-        multipliers=np.zeros(len(records.rods)),
-        keep=(records,),
     )
     return plant, records, equations
 
@@ -191,21 +168,17 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
 
     scene, plant = request.scene, _plant(request, linked.LINKED)
     records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
-    plan, closures = plan_joints(records), len(records.forest.closures)
-    plant.set(linked=records.table.address, joints=plan.address, closure_count=closures)
-    keep: list[Any] = [records, plan]
+    closures = len(records.forest.closures)
+    plant.set(linked=records.table, joints=plan_joints(records), closure_count=closures)
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
-        keep.append(tree_matrices(records))
-        plant["tree"] = keep[-1].address
+        plant["tree"] = tree_matrices(records)
     equations = Equations(
         place=linked.linked_place,
         accelerate=linked.linked_accelerate if solver is Solver.JOINTS else linked.dense_accelerate,
-        wet=linked.linked_wet_accelerate,  # DENSE takes no added mass
         project=linked.linked_project,
-        multipliers=np.zeros(len(records.rods) + (EXTRA if closures else 0)),
-        keep=tuple(keep),
+        extra=EXTRA if closures else 0,
     )
     return plant, records, equations
 
@@ -218,13 +191,11 @@ def _assembled(request: Request, hung: bool) -> _Model:
     records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"], hung)
     note_redundancy(records.table, records.state(scene.nodes0, scene.velocities0)[0])
     constraints = len(scene.structure.constraints)
-    plant.set(assembly=records.table.address, constraint_count=constraints)
+    plant.set(assembly=records.table, constraint_count=constraints)
     equations = Equations(
         place=assembled.assembled_place,
         accelerate=assembled.assembled_accelerate,
-        wet=assembled.assembled_wet_accelerate,
         project=assembled.assembled_project,
-        multipliers=np.zeros(len(records.rods) + EXTRA + constraints),
-        keep=(records,),
+        extra=EXTRA + constraints,
     )
     return plant, records, equations

@@ -7,13 +7,13 @@ from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED
-from tensegrity_mj.dynamics.native.views import Fields, changing_view
+from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 from tensegrity_mj.engines.reference.equations import MODEL, halves
 
-ASSEMBLED: Fields = (
-    *MODEL,
-    ("assembly", "size"),  # address of an `Assembly`
-    ("constraint_count", "size"),
+ASSEMBLED = fields_of(
+    MODEL,
+    assembly="size",  # address of an `Assembly`
+    constraint_count="size",
 )
 _AssembledView = changing_view("Assembled", ASSEMBLED)
 
@@ -29,17 +29,12 @@ def assembled_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 @c_function(TIMED, "the equations of the DAE for any structure")
 def assembled_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _AssembledView(table)
-    own.given += assembled_accelerations(own, None, *halves(own, y_at), halves(own, dy_at)[1])
-    return SOLVED
-
-
-@c_function(TIMED, "the equations of the DAE in water for any structure")
-def assembled_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """With added mass."""
-    own = _AssembledView(table)
-    added = (own.added, own.held_mass)
-    power = assembled_accelerations(own, added, *halves(own, y_at), halves(own, dy_at)[1])
-    own.given += power + power_of(own.held_mass, own.velocities)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
+    if own.wet_rods > 0:
+        power = assembled_accelerations(own, (own.added, own.held_mass), q, rates, out)
+        own.given += power + power_of(own.held_mass, own.velocities)
+    else:
+        own.given += assembled_accelerations(own, None, q, rates, out)
     return SOLVED
 
 

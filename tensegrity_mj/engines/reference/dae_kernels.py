@@ -22,17 +22,11 @@ def dae_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 @c_function(TIMED, "the equations of the DAE")
 def dae_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _RodsView(table)
-    accelerations(own, *halves(own, y_at), own.forces, halves(own, dy_at)[1], own.multipliers, None)
-    return SOLVED
-
-
-@c_function(TIMED, "the equations of the DAE in water")
-def dae_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """With added mass."""
-    own = _RodsView(table)
-    added = (own.added, own.held_mass)
-    q, rates = halves(own, y_at)
-    own.given += accelerations(own, q, rates, own.forces, halves(own, dy_at)[1], own.multipliers, added)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
+    if own.wet_rods > 0:
+        own.given += accelerations(own, q, rates, out, (own.added, own.held_mass))
+    else:
+        accelerations(own, q, rates, out, None)
     return SOLVED
 
 

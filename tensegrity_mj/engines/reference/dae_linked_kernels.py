@@ -14,16 +14,16 @@ from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing
-from tensegrity_mj.dynamics.native.views import Fields, changing_view
+from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 from tensegrity_mj.dynamics.tree_equations import dense_accelerations
 from tensegrity_mj.engines.reference.equations import MODEL, halves
 
-LINKED: Fields = (
-    *MODEL,
-    ("linked", "size"),  # addresses of a `Linked`, a `Joints` and a `Tree`
-    ("joints", "size"),
-    ("tree", "size"),
-    ("closure_count", "size"),
+LINKED = fields_of(
+    MODEL,
+    linked="size",  # addresses of a `Linked`, a `Joints` and a `Tree`
+    joints="size",
+    tree="size",
+    closure_count="size",
 )
 _LinkedView = changing_view("Linked", LINKED)
 
@@ -47,18 +47,12 @@ def linked_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 def linked_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     own = _LinkedView(table)
-    own.given += joint_accelerations(own, None, *halves(own, y_at), halves(own, dy_at)[1])
-    _report_gaps(own)
-    return SOLVED
-
-
-@c_function(TIMED, "the equations of the DAE in water for rods that share nodes")
-def linked_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """By joint forces, with added mass."""
-    own = _LinkedView(table)
-    added = (own.added, own.held_mass)
-    own.given += joint_accelerations(own, added, *halves(own, y_at), halves(own, dy_at)[1])
-    own.given += power_of(own.held_mass, own.velocities)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
+    if own.wet_rods > 0:
+        own.given += joint_accelerations(own, (own.added, own.held_mass), q, rates, out)
+        own.given += power_of(own.held_mass, own.velocities)
+    else:
+        own.given += joint_accelerations(own, None, q, rates, out)
     _report_gaps(own)
     return SOLVED
 

@@ -28,34 +28,32 @@ from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import TIMED, address, borrowing, call_timed, copy, floats, inlined
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
-from tensegrity_mj.dynamics.native.views import Fields, changing_view
+from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.engines.driving import STEPPED
 
 # Of a plant whose equations are integrated here; a model's own fields come behind.
-MODEL: Fields = (
-    *STEPPED,
-    ("rates_function", "size"),  # of `rates_of_state`
-    ("place_function", "size"),
-    ("accelerate_function", "size"),
-    ("project_function", "size"),
-    ("guard_function", "size"),
-    ("coordinates", "size"),
-    ("state_size", "size"),
-    ("given", "real"),  # [W] from outside at a stage: models add that of supports and of what answers accelerations
-    ("gravity", ("f8", 3)),
-    ("kp", "real"),  # Baumgarte's gains of (3.25), or zero
-    ("kd", "real"),
-    ("multiplier_count", "size"),
-    ("multipliers", ("f8", "multiplier_count")),
-    ("search", "size"),  # address of a `slack.Search`, 0 where steps are not split
+MODEL = fields_of(
+    STEPPED,
+    rates_function="size",  # of `rates_of_state`
+    place_function="size",
+    accelerate_function="size",
+    project_function="size",
+    guard_function="size",
+    coordinates="size",
+    state_size="size",
+    given="real",  # [W] from outside at a stage: models add that of supports and of what answers accelerations
+    gravity=("f8", 3),
+    kp="real",  # Baumgarte's gains of (3.25), or zero
+    kd="real",
+    multipliers=("f8", "multiplier_count"),
+    search="size",  # address of a `slack.Search`, 0 where steps are not split
 )
 ModelView = changing_view("Model", MODEL)
-RODS: Fields = (  # of one that has rods alone and point masses
-    *MODEL,
-    ("rods", (ROD, "rod_count")),
-    ("point_count", "size"),
-    ("points", (POINT, "point_count")),
+RODS = fields_of(  # of one that has rods alone and point masses
+    MODEL,
+    rods=(ROD, "rod_count"),
+    points=(POINT, "point_count"),
 )
 
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work

@@ -17,8 +17,7 @@ from tensegrity_mj.dynamics.native.slack import search_of
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
-from tensegrity_mj.engines.reference.equations import SINGULAR
-from tensegrity_mj.engines.reference.method import Options
+from tensegrity_mj.engines.reference.equations import SINGULAR, WORK
 from tensegrity_mj.engines.reference.rk4 import rk4_steps
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -32,21 +31,17 @@ class Equations:
 
     Attributes:
         place, accelerate: where a state has the nodes, and its accelerations for the forces on them.
-        wet: in place of `accelerate` where rods have added mass.
-        multipliers: where `accelerate` leaves (R,) λ, behind it gaps of closed loops and then forces of constraints.
         project: puts a state where constraints hold.
         guard: says whether the coordinates can hold a state.
-        keep: what has to live as long as the table holds its address.
+        extra: numbers that `accelerate` leaves behind λ: gaps of closed loops, and then forces of constraints.
         explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
     place: CFunction
     accelerate: CFunction
-    wet: CFunction
-    multipliers: Array
     project: CFunction | None = None
     guard: CFunction | None = None
-    keep: tuple[Any, ...] = ()
+    extra: int = 0
     explain_singular: Callable[[float], str] = str
 
 
@@ -54,25 +49,27 @@ class IntegratedRun:
     """One run of a model: the plant, its table, the state y, and what is made of the recorded rows.
 
     Attributes:
-        name: of the engine.
         options: the engine's.
-        y: the state: at first the start's, and later that which the fixed-step method has reached.
+        records: of the structure: `nq` coordinates, and q and q̇ of nodes by `state`.
         equations: of the model.
+        name: of the engine.
+        y: the state: at first the start's, and later that which the fixed-step method has reached.
+        multipliers: (R + extra,) λ of the state that was looked at last, and what is behind it.
     """
 
-    def __init__(
-        self, name: str, options: Options, request: Request, plant: Plant, y: Array, equations: Equations
-    ) -> None:
-        self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
-        self.table = plant.address
-        self.equations = equations
+    def __init__(self, options: Any, request: Request, plant: Plant, records: Any, equations: Equations) -> None:
+        self.options, self.request, self.plant, self.records = options, request, plant, records
+        self.name, self.table, self.equations = options.descriptor.title, plant.address, equations
+        scene, nq = request.scene, records.nq
+        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
+        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
+        self.multipliers = np.zeros(len(scene.structure.rods) + equations.extra)
         functions = {name: getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
-        functions |= {"rates": kernels.rates_of_state} | ({"accelerate": equations.wet} if plant["wet_rods"] else {})
+        functions["rates"] = kernels.rates_of_state
         plant.set(**{f"{name}_function": one.address if one else 0 for name, one in functions.items()})
         self.y = np.concatenate([y, plant.elements.states[0]])
-        plant.set(multiplier_count=len(equations.multipliers), multipliers=equations.multipliers)
-        plant.set(state_size=len(y), gravity=np.array(request.scene.gravity))
-        self.width = plant["row_width"] + len(equations.multipliers)
+        plant.set(coordinates=nq, state_size=len(y), gravity=np.array(scene.gravity), multipliers=self.multipliers)
+        self.width = plant["row_width"] + len(self.multipliers)
         self.evaluations = 0
         self.steps = 0
 
@@ -125,8 +122,7 @@ class IntegratedRun:
         times = grid.times
         rows = allocate_rows(len(times), self.width)
         grid.describe(self.plant, rows)
-        search = search_of(self.plant["string_count"]) if self.options.locate_slack else None
-        self.plant["search"] = search.address if search is not None else 0
+        self.plant["search"] = search_of(self.plant["string_count"]) if self.options.locate_slack else 0
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         rk4_steps(self.table, self.y, 0, 0)  # compiles
         self.plant["resolution_kind"] = STAGES

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 
@@ -36,7 +35,7 @@ def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[f
             )
         for number in range(1, math.floor(count) + 1):
             add(number * period, 1e-9 * period, is_sample=True)
-    for time in break_times(request.scene):
+    for time in request.scene.break_times:
         if 0 < time <= request.duration:
             add(float(time), 1e-12 * time, is_sample=False)
     marks = {time: (True, is_sample) for time, is_sample in jumps.items()}

@@ -19,9 +19,8 @@ from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
-from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
@@ -34,7 +33,7 @@ class ODE(ReferenceEngine):
     """Options of the minimal ODE engine.
 
     Attributes:
-        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `Options`.
+        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `ReferenceEngine`.
         least_sine: sin φ at which a run stops. A rod that passes a pole at this distance has θ̇ = ω / sin φ, so that an
             error ε of φ becomes one of ε / sin φ of its velocity. With the round-off of φ near π, ε = π 2.2e-16, the
             default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
@@ -56,33 +55,23 @@ class ODE(ReferenceEngine):
         """Bytes of state, stages and matrices."""
         return self._bytes(MinimalRecords.of(scene.structure).nq)
 
-    def accelerations(self, request: Request) -> Accelerations:
-        """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""
-        run, records = self._prepared(request)
-        nq, carried = records.nq, _carried(request.scene)
+    def _node_accelerations(self, run: IntegratedRun, accelerations: Array) -> Array:
+        """r̈ and b̈ = W β̈ + Ẇ β̇ along the rods, and what moves their supports."""
+        records, out = run.records, np.zeros_like(run.plant["nodes"])
+        q, rates = run.y[: records.nq], run.y[records.nq : 2 * records.nq]
+        node_accelerations(q, rates, accelerations, records.rods, records.points, out)
+        for (row, node), moved in zip(run.plant["carried"], run.plant["moved"], strict=True):
+            out[[node] if row < 0 else records.structure.rod_nodes[row]] += moved[2]
+        return out
 
-        def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
-            q, q_rates = records.state(nodes, velocities)
-            run.y[:nq], run.y[nq : 2 * nq] = q, q_rates
-            rates = run.rates_at(time, run.y, rest_lengths)
-            out = np.zeros_like(run.plant["nodes"])
-            node_accelerations(q, q_rates, rates[nq : 2 * nq], records.rods, records.points, out)
-            for (row, node), moved in zip(carried, run.plant["moved"], strict=True):
-                out[[node] if row < 0 else request.scene.structure.rod_nodes[row]] += moved[2]
-            return run.plant["nodes"].copy(), out
-
-        return at
-
-    def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
+    def prepared(self, request: Request) -> IntegratedRun:
+        """See `ReferenceEngine`."""
         scene = request.scene
         require(self, scene)
         records, carried = MinimalRecords.of(scene.structure), _carried(scene)
-        nq = records.nq
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible, ode.MINIMAL)
         plant.set(
-            coordinates=nq,
             rods=records.rods,
-            point_count=len(records.points),
             points=records.points,
             least_sine=self.least_sine,
             step=self.timestep or 0.0,
@@ -91,8 +80,6 @@ class ODE(ReferenceEngine):
                 [scene.structure.positions[b] if a < 0 else records.rods[a]["anchor"] for a, b in carried]
             ).reshape(-1, 3),
         )
-        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
-        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
 
         def explain(time: float) -> str:
             rod = scene.structure.rods[plant["last_singular"]].name
@@ -110,22 +97,13 @@ class ODE(ReferenceEngine):
                 "no rod comes near the z axis"
             )
 
-        run = IntegratedRun(
-            "ODE",
-            self,
-            request,
-            plant,
-            y,
-            Equations(
-                place=ode.ode_place,
-                accelerate=ode.ode_accelerate,
-                wet=ode.ode_wet_accelerate,
-                guard=ode.ode_guard,
-                multipliers=np.zeros(len(records.rods)),
-                explain_singular=explain,
-            ),
+        equations = Equations(
+            place=ode.ode_place,
+            accelerate=ode.ode_accelerate,
+            guard=ode.ode_guard,
+            explain_singular=explain,
         )
-        return run, records
+        return IntegratedRun(self, request, plant, records, equations)
 
 
 def _carried(scene: Scene) -> NDArray[np.int64]:

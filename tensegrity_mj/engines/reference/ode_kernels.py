@@ -16,17 +16,18 @@ from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED
-from tensegrity_mj.dynamics.native.views import Fields, changing_view
+from tensegrity_mj.dynamics.native.vectors import add, plus, put, row_of, times
+from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
 from tensegrity_mj.engines.reference.equations import OUTSIDE, RODS, SINGULAR, halves
 
-MINIMAL: Fields = (
-    *RODS,
-    ("least_sine", "real"),
-    ("last_singular", "state"),  # the rod, and one of the reasons below
-    ("reason", "state"),
-    ("carried", ("i8", "motion_count", 2)),  # of each motion: row of its rod or -1, row of its node or -1
-    ("bases", ("f8", "motion_count", 3)),  # where they are without it
+MINIMAL = fields_of(
+    RODS,
+    least_sine="real",
+    last_singular="state",  # the rod, and one of the reasons below
+    reason="state",
+    carried=("i8", "motion_count", 2),  # of each motion: row of its rod or -1, row of its node or -1
+    bases=("f8", "motion_count", 3),  # where they are without it
 )
 _MinimalView = changing_view("Minimal", MINIMAL)
 
@@ -89,13 +90,13 @@ def carry_velocities(table: int) -> None:
     rods, carried, bases, moved = own.rods, own.carried, own.bases, own.moved
     nodes, velocities = own.nodes, own.velocities
     for a in range(len(carried)):
-        for k in range(3):
-            if carried[a, 0] >= 0:
-                velocities[rods[carried[a, 0]].i, k] += moved[a, 1, k]
-                velocities[rods[carried[a, 0]].j, k] += moved[a, 1, k]
-            else:
-                nodes[carried[a, 1], k] = bases[a, k] + moved[a, 0, k]
-                velocities[carried[a, 1], k] = moved[a, 1, k]
+        rate = row_of(moved[a], 1)
+        if carried[a, 0] >= 0:
+            add(velocities, rods[carried[a, 0]].i, rate)
+            add(velocities, rods[carried[a, 0]].j, rate)
+        else:
+            put(nodes, carried[a, 1], plus(row_of(bases, a), row_of(moved[a], 0)))
+            put(velocities, carried[a, 1], rate)
 
 
 @njit
@@ -105,10 +106,9 @@ def add_inertia_of_supports(table: int) -> None:
     rods, carried, moved, forces = own.rods, own.carried, own.moved, own.forces
     for a in range(len(carried)):
         if carried[a, 0] >= 0:
-            rod = rods[carried[a, 0]]
-            for k in range(3):
-                forces[rod.i, k] -= (1.0 - rod.center) * rod.mass * moved[a, 2, k]
-                forces[rod.j, k] -= rod.center * rod.mass * moved[a, 2, k]
+            rod, acceleration = rods[carried[a, 0]], row_of(moved[a], 2)
+            add(forces, rod.i, times(-(1.0 - rod.center) * rod.mass, acceleration))
+            add(forces, rod.j, times(-rod.center * rod.mass, acceleration))
 
 
 @njit
@@ -150,33 +150,24 @@ def ode_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 
 @c_function(TIMED, "the equations of the ODE")
 def ode_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    """Forces of added mass join those on the nodes once they are known."""
     own = _MinimalView(table)
     (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     if own.motion_count > 0:
         add_inertia_of_supports(table)
-    minimal_accelerations(own, q, rates, own.forces, out, own.multipliers)
-    if own.motion_count > 0:
-        own.given += power_of_supports(q, rates, out, table)
-    return SOLVED
-
-
-@c_function(TIMED, "the equations of the ODE in water")
-def ode_wet_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """With added mass, whose forces join those on the nodes once they are known."""
-    own = _MinimalView(table)
-    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
-    drives, carried, moved = np.zeros((own.rod_count, 3)), own.carried, own.moved
-    for a in range(len(carried)):
-        if carried[a, 0] >= 0:
-            drives[carried[a, 0]] = moved[a, 2]
-    if own.motion_count > 0:
-        add_inertia_of_supports(table)
-    forces, velocities, held = own.forces, own.velocities, own.held_mass
-    wet_minimal_accelerations(own, q, rates, forces, own.added, drives, out, own.multipliers)
-    for n in range(len(forces)):
-        for k in range(3):
-            forces[n, k] += held[n, k]
-            own.given += held[n, k] * velocities[n, k]
+    if own.wet_rods > 0:
+        drives, carried, moved = np.zeros((own.rod_count, 3)), own.carried, own.moved
+        for a in range(len(carried)):
+            if carried[a, 0] >= 0:
+                drives[carried[a, 0]] = moved[a, 2]
+        wet_minimal_accelerations(own, q, rates, drives, out)
+        forces, velocities, held = own.forces, own.velocities, own.held_mass
+        for n in range(len(forces)):
+            for k in range(3):
+                forces[n, k] += held[n, k]
+                own.given += held[n, k] * velocities[n, k]
+    else:
+        minimal_accelerations(own, q, rates, out)
     if own.motion_count > 0:
         own.given += power_of_supports(q, rates, out, table)
     return SOLVED

@@ -8,42 +8,16 @@ N = k (L - ℓ) + c dL/dt, of which ½ k (L - ℓ)² is stored and c (dL/dt)² i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.elements.element import Element, Work
-from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.rods import Bars
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
-
-
-class Bars(NamedTuple):
-    """The E elastic rods of a structure: their rows (E,), nodes (E, 2), k [N/m], c [N s/m] and ℓ [m], (E,) each."""
-
-    rows: IntArray
-    nodes: IntArray
-    stiffness: Array
-    damping: Array
-    lengths: Array
-
-    @classmethod
-    def of(cls, structure: Structure) -> Bars:
-        """Those of a structure."""
-        rows = np.flatnonzero(structure.elastic)
-        damping = np.array([structure.rods[row].damping for row in rows], float)
-        lengths = structure.rod_lengths[rows]
-        return cls(rows, structure.rod_nodes[rows], structure.rod_stiffness[rows], damping, lengths)
-
-    def stretched(self, nodes: Array, velocities: Array) -> tuple[Array, Array, Array]:
-        """Spans (..., E, 3) [m], lengths [m] and forces N [N] (..., E) at positions and velocities (..., N, 3)."""
-        (i, j), v = self.nodes.T, velocities
-        spans = nodes[..., j, :] - nodes[..., i, :]
-        now = norm(spans)
-        rates = dot(spans, v[..., j, :] - v[..., i, :]) / now
-        return spans, now, self.stiffness * (now - self.lengths) + self.damping * rates
 
 
 def carried(scene: Scene) -> tuple[Element, ...]:

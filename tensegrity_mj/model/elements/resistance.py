@@ -26,13 +26,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import many, not_negative, pair, part, positive, vector
 from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of
 from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.rods import diameters, ends
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
 
@@ -142,11 +142,6 @@ def bending_joints(structure: Structure, bending: Bending | None) -> list[Joint]
     return found
 
 
-def diameters(structure: Structure, drag: Drag) -> Array:
-    """(R,) [m]: of the rods, for drag."""
-    return np.array([2 * rod.radius if drag.diameter is None else drag.diameter for rod in structure.rods], float)
-
-
 @dataclass(frozen=True)
 class FluidResistance(Element):
     """Viscous forces and drag of all rods, in wind."""
@@ -167,7 +162,7 @@ class FluidResistance(Element):
         """See `Element`."""
         out, structure, drag = np.zeros_like(nodes), scene.structure, self.resistance.drag
         pairs, lengths = structure.rod_nodes, structure.rod_lengths[:, None]
-        (x1, x2), (u1, u2) = _ends(nodes, pairs), _ends(velocities - np.array(self.resistance.wind), pairs)
+        (x1, x2), (u1, u2) = (ends(structure, v) for v in (nodes, velocities - np.array(self.resistance.wind)))
         first = -self.resistance.viscous * lengths * (2 * u1 + u2) / 6
         second = -self.resistance.viscous * lengths * (u1 + 2 * u2) / 6
         if drag is not None:
@@ -275,10 +270,6 @@ def bending_energy(scene: Scene, nodes: Array) -> Array:
     return energy_of(parts, scene, nodes)
 
 
-def _ends(values: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:
-    return values[..., pairs[:, 0], :], values[..., pairs[:, 1], :]
-
-
 def _bend(structure: Structure, joint: Joint, values: Array) -> Array:
     """e (..., 3) of node positions, or ė of velocities."""
     outer, node, other = (values[..., row, :] for row in joint.nodes)
@@ -291,7 +282,7 @@ def _drag(structure: Structure, drag: Drag, x1: Array, x2: Array, u1: Array, u2:
     span = x2 - x1
     along = span / np.linalg.norm(span, axis=-1, keepdims=True)
     first, second = np.zeros_like(span), np.zeros_like(span)
-    surface = (0.5 * drag.density * structure.rod_lengths * diameters(structure, drag))[:, None]
+    surface = (0.5 * drag.density * structure.rod_lengths * diameters(structure, drag.diameter))[:, None]
     # A rigid rod has one velocity along itself.
     slip = 0.5 * np.sum((u1 + u2) * along, axis=-1, keepdims=True)
     tangential = -0.5 * np.pi * surface * drag.tangential * np.abs(slip) * slip * along

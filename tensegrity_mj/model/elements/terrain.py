@@ -114,10 +114,12 @@ class Area(Terrain):
                 f"size = {list(self.size)} m with spacing = {self.spacing:g} m has more than {MOST_POINTS:,} points: "
                 "make it smaller, or the spacing larger",
             )
-        if min(self.size) < 2 * self.spacing:
-            raise refused(
-                self, f"size = {list(self.size)} m; each side must be at least two spacings, {2 * self.spacing:g} m"
-            )
+        self.resolve(f"size = {list(self.size)} m: its shorter side", min(self.size))
+
+    def resolve(self, what: str, length: float) -> None:
+        """Raise SceneError unless a length [m] is at least two spacings."""
+        if length < 2 * self.spacing:
+            raise refused(self, f"{what} = {length:g} m; it must be at least two spacings, {2 * self.spacing:g} m")
 
     def grid(self) -> tuple[Array, Array, Array]:
         """See `Terrain`."""
@@ -160,8 +162,7 @@ class Stairs(Area):
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
-        if self.tread < 2 * self.spacing:
-            raise refused(self, f"tread = {self.tread:g} m; it must be at least two spacings, {2 * self.spacing:g} m")
+        self.resolve("tread", self.tread)
 
     def formula(self, x: Array, y: Array) -> Array:
         """See `Area`."""
@@ -189,8 +190,7 @@ class Rough(Area):
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
-        if self.length < 2 * self.spacing:
-            raise refused(self, f"length = {self.length:g} m; it must be at least two spacings, {2 * self.spacing:g} m")
+        self.resolve("length", self.length)
 
     def formula(self, x: Array, y: Array) -> Array:
         """See `Area`."""

@@ -45,7 +45,7 @@ from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.spectra import IrregularSea
 from tensegrity_mj.model.elements.waves import AboveLevel, Sea, Wave
 from tensegrity_mj.model.members import Vector
-from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.rods import diameters
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
@@ -151,11 +151,6 @@ def sea_of(scene: Scene) -> Sea:
     return Sea.of(water.components, -scene.gravity[2], water.depth, water.current, water.above)
 
 
-def diameters(structure: Structure, water: Water) -> Array:
-    """(R,) [m]: of the rods, in water."""
-    return np.array([2 * rod.radius if water.diameter is None else water.diameter for rod in structure.rods], float)
-
-
 def wet_parts(first: Array, second: Array) -> tuple[Array, Array]:
     """Which part of a segment is under water, and the centre of that part as a part of the way along the segment.
 
@@ -239,7 +234,7 @@ def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Arr
     water, structure, sea = scene.water, scene.structure, sea_of(scene)
     assert water is not None
     pairs, count = structure.paths.nodes if strings else structure.rod_nodes, scene.water_segments.count
-    d = np.full(len(pairs), water.string_diameter) if strings else diameters(structure, water)
+    d = np.full(len(pairs), water.string_diameter) if strings else diameters(structure, water.diameter)
     x1, v1 = nodes[..., pairs[:, 0], None, :], velocities[..., pairs[:, 0], None, :]
     span, turn = nodes[..., pairs[:, 1], None, :] - x1, velocities[..., pairs[:, 1], None, :] - v1
     t = np.asarray(time, float)[..., None, None]
@@ -291,7 +286,8 @@ def rod_loads(scene: Scene, time: Array | float, nodes: Array, velocities: Array
     water, structure = scene.water, scene.structure
     assert water is not None
     wet = segments_of(scene, time, nodes, velocities)
-    d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / scene.water_segments.count
+    d = diameters(structure, water.diameter)[:, None]
+    length = structure.rod_lengths[:, None] / scene.water_segments.count
     mass = water.density * np.pi * d**2 / 4 * length * wet.part
     drag, friction = _drag(water, wet, 0.5 * water.density * d * length * wet.part)
     gravity = np.array(scene.gravity)

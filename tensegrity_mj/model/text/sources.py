@@ -12,16 +12,15 @@ from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.text.keys import MOST_BYTES
 
 
-def scene_names() -> list[str]:
-    """Names of the scenes that come with the package."""
-    folders = importlib.resources.files("tensegrity_mj.models").iterdir()
-    return sorted(folder.name for folder in folders if folder.joinpath("scene.toml").is_file())
+def scene_names(within: str = "") -> list[str]:
+    """Names of the scenes that come with the package, or of those in a folder of them."""
+    folders = importlib.resources.files("tensegrity_mj.models").joinpath(within).iterdir()
+    return sorted(within + folder.name for folder in folders if folder.joinpath("scene.toml").is_file())
 
 
 def pack_names() -> list[str]:
     """Names of the scenes of the benchmark pack (docs/benchmark.md): "pack/free", ..."""
-    folders = importlib.resources.files("tensegrity_mj.models").joinpath("pack").iterdir()
-    return sorted(f"pack/{folder.name}" for folder in folders if folder.joinpath("scene.toml").is_file())
+    return scene_names("pack/")
 
 
 def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:

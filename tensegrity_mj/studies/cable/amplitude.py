@@ -29,29 +29,25 @@ class Extremes:
         return float(np.abs(np.diff(self.value)).max(initial=0.0))
 
 
-def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike | None = None) -> Extremes:
+def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike) -> Extremes:
     """Where a motion turns back.
 
-    With rates, a sign of the rate that changes between two samples marks an extreme, which is that of the cubic with
-    the values and rates of both: its value is off by (ω h)⁴/384 of an amplitude of angular frequency ω, h between
-    samples. Without, it is the vertex of the parabola through three samples, off by (ω h)⁴/128 or less.
+    A sign of the rate that changes between two samples marks an extreme, which is that of the cubic with the values and
+    rates of both: its value is off by (ω h)⁴/384 of an amplitude of angular frequency ω, h between samples.
 
     Args:
         time: (T,) [s], increasing.
         values: (T,) [m].
-        rates: (T,) [m/s], or None for measured data.
+        rates: (T,) [m/s].
 
     Raises:
         OptionError: for arrays of other shapes, times that do not increase, or numbers that are not finite.
     """
-    t, x = _series("time", time), _series("values", values)
-    if len(x) != len(t) or np.any(np.diff(t) <= 0):
-        raise OptionError(f"extremes: {len(t)} times and {len(x)} values; they must be as many, at increasing times")
-    if rates is None:
-        return _of_values(t, x)
-    v = _series("rates", rates)
-    if len(v) != len(t):
-        raise OptionError(f"extremes: {len(t)} times and {len(v)} rates; they must be as many")
+    t, x, v = _series("time", time), _series("values", values), _series("rates", rates)
+    if not len(t) == len(x) == len(v) or np.any(np.diff(t) <= 0):
+        raise OptionError(
+            f"extremes: {len(t)} times, {len(x)} values and {len(v)} rates; they must be as many, at increasing times"
+        )
     k = _turns(v)
     h, x0, x1, v0, v1 = t[k + 1] - t[k], x[k], x[k + 1], v[k], v[k + 1]
     # Hermite's cubic on [0, 1] has the slope a s² + b s + c, whose ends have different signs: one root lies between.
@@ -63,7 +59,7 @@ def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike | None = None)
     return Extremes(t[k] + s * h, value)
 
 
-def response_amplitude(time: ArrayLike, values: ArrayLike, rates: ArrayLike | None = None) -> float:
+def response_amplitude(time: ArrayLike, values: ArrayLike, rates: ArrayLike) -> float:
     """A_i of §3.3.4 [m]: `Extremes.amplitude` of `extremes`."""
     return extremes(time, values, rates).amplitude
 
@@ -91,15 +87,3 @@ def _root(a: Array, b: Array, c: Array) -> Array:
     # Of the two, the one that lies within; the other may be infinite, or not a number where a or q is zero.
     off = [np.where(np.isnan(one), np.inf, np.abs(one - 0.5)) for one in (first, second)]
     return np.clip(np.where(off[0] < off[1], first, second), 0.0, 1.0)
-
-
-def _of_values(t: Array, x: Array) -> Extremes:
-    k = _turns(np.diff(x)) + 1
-    before, after = t[k] - t[k - 1], t[k + 1] - t[k]
-    left, right = (x[k] - x[k - 1]) / before, (x[k + 1] - x[k]) / after
-    bend = (right - left) / (before + after)  # half the second derivative
-    slope = (left * after + right * before) / (before + after)  # at sample k
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shift = np.where(bend != 0, -0.5 * slope / bend, 0.0)
-    shift = np.clip(shift, -before, after)
-    return Extremes(t[k] + shift, x[k] + shift * (slope + shift * bend))

@@ -24,14 +24,16 @@ from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import simulate_as_far, versions
+from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
-from tensegrity_mj.studies.cable.chain import DIRECTION, Chain, HangingChain
+from tensegrity_mj.studies.cable.chain import DIRECTION, Chain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.known_elements import scene_of
-from tensegrity_mj.studies.many import RunOptions, Study, run_many
+from tensegrity_mj.studies.many import RunOptions, Study, run_study
+from tensegrity_mj.vibration.integrators import largest_frequency
+from tensegrity_mj.vibration.small_motions import vibration
 from tensegrity_mj.vibration.stepping import Scheme
 
 DURATION, INTERVAL = 45.0, 0.02  # s
@@ -79,11 +81,11 @@ class Case:
 
     @property
     def coarseness(self) -> float:
-        """h ω of the engine's step, ω the fastest of the hanging chain; NaN where the engine chooses its steps."""
+        """h ω of the engine's step, ω the `fastest` of the hanging chain; NaN where the engine chooses its steps."""
         step = self.engine.stepping.timestep
         if step is None:
             return math.nan
-        return step * linear_model(self.scene).fastest
+        return step * fastest(self.scene)
 
     @property
     def exceeded(self) -> str:
@@ -124,14 +126,21 @@ class Case:
         return scene
 
 
-def linear_model(scene: Scene) -> HangingChain:
-    """The linear model of a chain that hangs in a scene's gravity."""
-    return HangingChain.of(Chain.of(scene.structure), float(np.linalg.norm(scene.gravity)))
+def fastest(scene: Scene) -> float:
+    """The largest angular frequency [rad/s] of a chain that hangs in a scene's gravity, bending included.
+
+    Raises:
+        OptionError: for a structure that is no chain, or a scene without gravity.
+    """
+    Chain.of(scene.structure)
+    positive(f"scene '{scene.name}': gravity", float(np.linalg.norm(scene.gravity)), "m/s²")
+    still = np.zeros_like(scene.nodes0)
+    return largest_frequency(vibration(scene.with_(motions=()), scene.nodes0, still, np.zeros(0)))
 
 
 def default_step(scene: Scene, coarseness: float = COARSENESS, interval: float = INTERVAL) -> float:
     """The largest step [s] that divides the interval of output with h ω within `coarseness`, at most 0.01 s."""
-    most = min(0.01, positive("coarseness", coarseness) / linear_model(scene).fastest)
+    most = min(0.01, positive("coarseness", coarseness) / fastest(scene))
     return interval / math.ceil(interval / most * (1 - 1e-9))
 
 
@@ -253,9 +262,7 @@ def run_cases(
         "duration": duration,
         "interval": interval,
     }
-    options: RunOptions = {"label": "cables", **how}
-    options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
-    study = run_many(measure_case, points, folder, common=common, **options)
+    study = run_study(measure_case, points, folder, "cables", how, common)
     return CaseResults(tuple(cases), np.array(markers, float), study)
 
 

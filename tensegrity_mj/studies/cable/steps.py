@@ -11,7 +11,6 @@ from typing import Any, Unpack
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status
-from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.cable.cases import (
     DURATION,
     INTERVAL,
@@ -19,12 +18,12 @@ from tensegrity_mj.studies.cable.cases import (
     Case,
     case_of,
     drift_of,
-    linear_model,
+    fastest,
     point_of,
     simulated,
 )
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.many import RunOptions, run_many
+from tensegrity_mj.studies.many import RunOptions, run_study
 from tensegrity_mj.vibration.stepping import Scheme
 
 LARGEST = 0.1  # s, the largest step tried
@@ -81,9 +80,7 @@ def steps_within(
         {"scenes": {"scene": scene_to_toml(case.scene)}, **point_of(replace(case, engine=plain), "scene")}
         for case in cases
     ]
-    options: RunOptions = {"label": "steps", **how}
-    options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
-    study = run_many(find_step, points, folder, common={"drift": drift, "duration": duration}, **options)
+    study = run_study(find_step, points, folder, "steps", how, {"drift": drift, "duration": duration})
     lost = [FoundStep(len(case.scene.structure.rods), math.nan, math.nan, math.nan, math.nan, 0) for case in cases]
     return [replace(one, **outcome.get("values", {})) for one, outcome in zip(lost, study.outcomes, strict=True)]
 
@@ -91,7 +88,7 @@ def steps_within(
 def find_step(point: dict[str, Any]) -> dict[str, Any]:
     """The task of `steps_within`: bisection between a step that keeps within the drift and one that does not."""
     case, duration, allowed = case_of(point), point["duration"], point["drift"]
-    limit = STABLE[Scheme.RUNGE_KUTTA] / linear_model(case.scene).fastest
+    limit = STABLE[Scheme.RUNGE_KUTTA] / fastest(case.scene)
     tried: dict[int, float] = {}
 
     def drift(count: int) -> float:

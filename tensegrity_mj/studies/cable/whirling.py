@@ -37,7 +37,7 @@ def whirl(
     in_plane: ArrayLike,
     out_of_plane: ArrayLike,
     window: float,
-    rates: tuple[ArrayLike, ArrayLike] | None = None,
+    rates: tuple[ArrayLike, ArrayLike],
 ) -> Whirl:
     """Measure the whirling of one marker.
 
@@ -45,7 +45,7 @@ def whirl(
         time: (T,) [s], increasing.
         in_plane, out_of_plane: (T,) [m].
         window: [s] over which amplitudes are taken, such as a period of the excitation.
-        rates: of both [m/s]; differences of the samples by default.
+        rates: of both [m/s].
 
     Raises:
         OptionError: for arrays of other shapes, or a window that fits less than twice into the run.
@@ -58,7 +58,7 @@ def whirl(
     count = int((t[-1] - t[0]) / length * (1 + 1e-9))
     if count < 2:
         raise OptionError(f"whirl: a window of {length:g} s fits less than twice into {t[-1] - t[0]:g} s")
-    velocity = np.gradient(motion, t, axis=1) if rates is None else np.stack([np.asarray(one, float) for one in rates])
+    velocity = np.stack([np.asarray(one, float) for one in rates])
     amplitude = _amplitudes(t, motion, length, count)
     out = amplitude[1]
     gain = float(out.max() / out[0]) if out[0] > 0 else float("nan")

@@ -1,8 +1,8 @@
 """How fast a scene can move at its start, so that the study can choose steps and durations that mean something.
 
-Nodes answer forces by the mobility W: v̇ = W f, block by block of the rods; strings answer displacements by the
-stiffness K, material and geometric. The fastest vibration has ω² = λmax(W K), the fastest decay λmax(W C). This is a
-rougher thing than `stability`, and knows nothing of it, so that the study can also try what that warns of.
+Nodes answer forces by the mobility W: v̇ = W f, block by block of the bodies of `vibration`; strings answer
+displacements by the stiffness K, material and geometric. The fastest vibration has ω² = λmax(W K), the fastest decay
+λmax(W C). This is a rougher thing than `stability`, so that the study can also try what that warns of.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import members_at
-from tensegrity_mj.model.rods import mass_products
+from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.blocks import spring_blocks
+from tensegrity_mj.vibration.bodies import Bodies, motion_of_bodies
 
 DENSE = 300  # coordinates up to which eigenvalues are computed whole
 ITERATIONS = 100  # of the power method beyond; it gives λmax to a few percent, which is enough to choose a step
@@ -74,66 +74,38 @@ def pace(scene: Scene, force_density: float = 0.0) -> Pace:
 
 
 def mobility(structure: Structure, nodes: Array) -> Any:
-    """W (3N, 3N) sparse: accelerations of the nodes [m/s²] for forces on them [N], from rest."""
+    """W (3N, 3N) sparse: accelerations of the nodes [m/s²] for forces on them [N], from rest; joints hold nothing."""
     from scipy import sparse
 
-    rows, columns, values = [], [], []
-
-    def add(which: list[int], block: Array) -> None:
-        index = np.concatenate([3 * n + np.arange(3) for n in which])
-        rows.append(np.repeat(index, len(index)))
-        columns.append(np.tile(index, len(index)))
-        values.append(block.ravel())
-
-    for rod, (i, j), lumps in zip(structure.rods, structure.rod_nodes, structure.rod_lumps.T, strict=True):
-        b, sigma = nodes[j] - nodes[i], rod.support.sigma
-        E = rod.support.translation_basis
-        swings = np.cross(_axes(rod.support.plane, b), b).T  # (3, 1 or 2): d b / d angle
-        swings = swings if rod.stiffness is None else rod.support.rotation_basis  # which lengthens, too
-        J = np.vstack([np.hstack([E, -sigma * swings]), np.hstack([E, (1 - sigma) * swings])])
-        # A thin rod's kinetic energy in its ends' velocities: m/6 (v1·v1 + v1·v2 + v2·v2).
-        first, second, both = mass_products(0.0, lumps)
-        M = rod.mass / 6 * np.array([[2.0, 1.0], [1.0, 2.0]]) + np.array([[first, both], [both, second]])
-        M = np.kron(M, np.eye(3))
-        add([int(i), int(j)], J @ np.linalg.solve(J.T @ M @ J, J.T))
-    for point in structure.lone_masses:
-        E = point.translation_basis
-        add([structure.node_index[point.node]], E @ E.T / point.mass)
-    for frame in structure.moving_frames:
-        add(frame.rows.tolist(), frame.mobility(nodes))
-    size = 3 * len(structure.nodes)
-    if not values:
-        return sparse.csr_matrix((size, size))
-    parts = (np.concatenate(part) for part in (values, rows, columns))
-    data, row, column = parts
-    return sparse.csr_matrix((data, (row, column)), shape=(size, size))
-
-
-def _axes(plane: Any, b: Array) -> Array:
-    """Unit axes (1 or 2, 3) that a rod along b turns about."""
-    if plane is not None:
-        normal = np.array(plane, float)
-        return np.asarray(normal / np.linalg.norm(normal))[None]
-    _, _, vt = np.linalg.svd(b[None] / np.linalg.norm(b))
-    return np.asarray(vt[1:])
+    bodies = Bodies.of(structure)
+    motion = motion_of_bodies(bodies, nodes)
+    count = len(bodies.length)
+    # Of each rod's two ends, whoever else has a node there; then of the nodes of other bodies.
+    slides = (bodies.E @ motion.inverse[:, :3])[:count]
+    ends = slides + bodies.ends.T[..., None, None] * (motion.T @ motion.inverse[:, 3:])[:count]
+    others = np.flatnonzero((bodies.body >= count) & (bodies.body < len(bodies.mass)))
+    blocks = np.concatenate([*ends, motion.turned[others]])
+    rows = np.concatenate([*structure.rod_nodes.T, others])
+    columns = np.concatenate([np.arange(count), np.arange(count), bodies.body[others]])
+    order = np.argsort(rows, kind="stable")
+    starts = np.searchsorted(rows[order], np.arange(len(nodes) + 1))
+    shape = (3 * len(nodes), bodies.slots * len(bodies.mass))
+    X = sparse.bsr_array((blocks[order], columns[order], starts), shape=shape)  # how nodes move with bodies of mass 1
+    return X @ X.T
 
 
 def _assembled(paths: Paths, count: int, blocks: Array) -> Any:
     """Σ over couples of segments of (e_j - e_i) block (e_j - e_i)ᵀ, (3N, 3N) sparse, from blocks (P, 3, 3)."""
     from scipy import sparse
 
-    size, axes = 3 * count, np.arange(3)
-    rows, columns, values = [], [], []
-    first, second = (paths.nodes[row] for row in paths.couples.T)
-    for one, sign in ((0, -1.0), (1, 1.0)):
-        for other, other_sign in ((0, -1.0), (1, 1.0)):
-            a, b = first[:, one], second[:, other]
-            rows.append(np.broadcast_to(3 * a[:, None, None] + axes[:, None], blocks.shape).ravel())
-            columns.append(np.broadcast_to(3 * b[:, None, None] + axes, blocks.shape).ravel())
-            values.append((sign * other_sign * blocks).ravel())
-    return sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size)
+    number = np.arange(len(blocks) + 1)
+    signs = np.tile([-1.0, 1.0], len(blocks))
+    first, second = (
+        sparse.kron(sparse.csr_array((signs, paths.nodes[row].ravel(), 2 * number), (len(blocks), count)), np.eye(3))
+        for row in paths.couples.T
     )
+    size = 3 * len(blocks)
+    return first.T @ sparse.bsr_array((blocks, number[:-1], number), shape=(size, size)) @ second
 
 
 def _largest(W: Any, K: Any) -> float:

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import os
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from tensegrity_mj.basics.checks import whole
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.pictures.page import Section, Table
-from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
 from tensegrity_mj.studies.extremes.verdicts import Verdict
-from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.report import Page, Report
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.many import RunOptions, run_study
+from tensegrity_mj.studies.report import Page, Report, runs_in
 
 FORMAT = 1
-PAGE, RUNS = "extremes.html", "runs"  # what a folder holds
+PAGE = "extremes.html"  # what a folder holds
 EXPENSIVE = (Kind.LONG, Kind.LARGE)
 ONE_IN = 250  # of the expensive kinds
 # What must hold, as parts of all runs.
@@ -110,8 +105,7 @@ def extremes(
     kinds: Sequence[Kind] | None = None,
     autoreset: bool = False,
     folder: str | os.PathLike[str] | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> Extremes:
     """Make extreme runs by chance and judge each.
 
@@ -121,8 +115,7 @@ def extremes(
         kinds: of `Kind`; all by default.
         autoreset: the test of the test: MuJoCo is stepped as by a script of one's own, with its autoreset on.
         folder: where extremes.json, extremes.html and finished runs are kept, so that the same call goes on.
-        workers: who computes; all cores by default.
-        progress: show a bar with the time left on stderr.
+        how: workers and progress, see `run_many`.
 
     Raises:
         OptionError: for options out of range.
@@ -131,39 +124,24 @@ def extremes(
     chosen = list(dict.fromkeys(Kind if kinds is None else kinds))
     if not chosen:
         raise OptionError(f"kinds: name at least one of {', '.join(kind.name.lower() for kind in Kind)}")
-    place = None if folder is None else made_folder(folder)
-    started = time.perf_counter()
-    known = versions()
-    study = run_many(
-        run_extreme,
-        [{"kind": kind.name, "number": number} for number, kind in enumerate(mixture(runs, chosen))],
-        None if place is None else place / RUNS,
-        common={"seed": seed, "autoreset": autoreset},
-        identity={"versions": known},
-        workers=workers,
-        progress=progress,
-        label="extreme runs",
-    )
-    results = [
-        {"number": number, **_result(point["kind"], outcome)}
-        for number, (point, outcome) in enumerate(zip(study.points, study.outcomes, strict=True))
-    ]
+    points = [{"number": number, "kind": kind.name} for number, kind in enumerate(mixture(runs, chosen))]
+    common = {"seed": seed, "autoreset": autoreset}
+    study = run_study(run_extreme, points, runs_in(folder), "extreme runs", how, common)
+    results = [{**point, **row} for point, row in zip(points, study.rows(_lost), strict=True)]
     data = {
         "format": FORMAT,
-        "setup": {"runs": runs, "seed": seed, "autoreset": autoreset, "kinds": [kind.name.lower() for kind in chosen]},
-        "versions": known,
+        "setup": {"runs": runs, **common, "kinds": [kind.name.lower() for kind in chosen]},
+        "versions": study.identity["versions"],
         **conclusions(results, chosen),
         "results": results,
     }
-    return Extremes(data, place, time.perf_counter() - started).kept()
+    return Extremes(data, seconds=study.seconds).kept(folder)
 
 
-def _result(kind: str, outcome: dict[str, Any]) -> dict[str, Any]:
-    """The values of a run; a task that failed, or whose process died, is a failure that nobody detected."""
-    if outcome["status"] == DONE:
-        return dict(outcome["values"])
+def _lost(outcome: dict[str, Any]) -> dict[str, Any]:
+    """Of a task that failed, or whose process died: a failure that nobody detected."""
     cause = f"the study's own task failed: {outcome['error']}: {outcome['reason']}"
-    return {"kind": kind, "engine": "none", "facts": {}, "verdict": Verdict.UNDETECTED.value, "cause": cause}
+    return {"engine": "none", "facts": {}, "verdict": Verdict.UNDETECTED.value, "cause": cause}
 
 
 def conclusions(results: Sequence[dict[str, Any]], kinds: Sequence[Kind]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionE
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.studies.identification import statistics
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.predictions import Predictions
+from tensegrity_mj.studies.identification.predictions import Kept, Predictions
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Data = dict[str, Any]
@@ -43,7 +43,7 @@ class FitOptions:
 class Problem:
     """Residuals (predicted - measured) / σ, then (value - start) / prior, by parameters in parts of their sizes."""
 
-    model: Predictions
+    model: Predictions | Kept
     unknowns: Unknowns
     observation: Observation
 

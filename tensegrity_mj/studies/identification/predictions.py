@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,27 +34,27 @@ DIFFERENTIATED = {
     "rods": ("mass", "stiffness", "damping"),
     "point_masses": ("mass",),
 }
+CONSTANT = (*MEMBERS, "nodes", "string_law", "duration")  # of which it has nothing else
+NOT_DIFFERENTIATED = "JAX has no derivative by it; use another engine, as MuJoCo()"
 
 
-class Predictions(Protocol):
-    """Predictions (n,) of parameters (P,), and their Jacobian (n, P), in which singular values below `noise` times the
-    largest are none."""
+@dataclass(eq=False)
+class Predictions:
+    """Predictions (n,) of parameters (P,), and their Jacobian (n, P) by central differences, by runs of any engine.
 
-    noise: float
-
-    def predict(self, values: Array, /) -> Array: ...
-    def jacobian(self, values: Array, /) -> Array: ...
-
-
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """What is simulated: parameters, an engine, a law that stays as it is, and what is seen of a run."""
+    Attributes:
+        unknowns, observation: the parameters, and what is seen of a run.
+        engine, law, actuation: as of `simulate`; the law stays as it is.
+        noise: singular values of the Jacobian that are below so much of the largest are none.
+    """
 
     unknowns: Unknowns
     observation: Observation
     engine: Any
     law: Any = None
     actuation: Actuation | None = None
+
+    noise: ClassVar[float] = 1e-5
 
     def at(self, values: Array) -> tuple[Any, Any]:
         """The scene and the law; where the parameters are the plant's, the law believes in the scene that was given."""
@@ -63,13 +63,44 @@ class Experiment:
             return draft.plant or draft.scene, self.law
         return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
 
-    def check_slack(self, scene: Scene, tensions: Array) -> None:
-        """Warn of damped strings that come taut in a run with tensions (T, M), where derivatives miss their jumps.
+    def predict(self, values: Array) -> Array:
+        """One run.
+
+        Raises:
+            TensegrityError: as `simulate`; DivergenceError, too, for a run that ended before the last measurement.
+        """
+        (scene, law), (duration, interval) = self.at(values), self._grid
+        run = simulate(scene, law, self.engine, duration=duration, actuation=self.actuation, output_interval=interval)
+        if run.status is not Status.COMPLETED:
+            raise DivergenceError(f"the run ends before the last measurement: {run.message}", float(run.time[-1]), run)
+        self._check_slack(scene, run.tensions)
+        found = resampled(run, self.observation.times).values
+        return self.observation.seen(found["nodes"], scene.structure.string_lengths(found["nodes"]), found["tensions"])
+
+    def jacobian(self, values: Array) -> Array:
+        """Two runs a parameter."""
+        return self._differences(self.predict, values)
+
+    @cached_property
+    def _grid(self) -> tuple[float, float]:
+        """Duration and output interval [s]: samples at the measurements where these are regular, else fine ones."""
+        times, step = self.observation.times, getattr(self.engine, "timestep", None)
+        gap = float(np.diff(times[times > 0], prepend=0.0).min())
+        ratios = np.array([*(times / gap), *([gap / step] if step else [])])
+        interval = gap if np.all(np.abs(ratios - np.round(ratios)) < 1e-6) else step or min(FINEST, gap)
+        return float(np.ceil(times[-1] / interval - 1e-6)) * interval, interval
+
+    _slack_is_checked = False
+
+    def _check_slack(self, scene: Scene, tensions: Array) -> None:
+        """Warn, of the first run, of damped strings that come taut in it (T, M), where derivatives miss their jumps.
 
         The instant at which a string comes taut moves with the parameters, and its damper's force jumps there. Fixed
         steps begin it at the next one, and JAX without a window holds it where it is.
         """
-        pulls = tensions != 0
+        if self._slack_is_checked:
+            return
+        self._slack_is_checked, pulls = True, tensions != 0
         jumps = np.flatnonzero(pulls.any(axis=0) & ~pulls.all(axis=0) & (scene.structure.damping > 0))
         fixed = getattr(self.engine, "timestep", None) is not None and not getattr(self.engine, "locate_slack", False)
         if len(jumps) and (fixed or getattr(self.engine, "spread", None) == 0.0):
@@ -80,72 +111,26 @@ class Experiment:
                 IdentificationWarning,
             )
 
-    @property
-    def predictions(self) -> Predictions:
-        """Those of the engine."""
-        name, _ = engine_settings(self.engine)
-        return Differentiated(self) if name == "jax" else Differences(self)
+    def _differences(self, function: Callable[[Array], Array], values: Array, pattern: Array | None = None) -> Array:
+        """Central differences (n, P) of a function of parameters (P,); at a bound, one-sided.
 
-
-class Differences:
-    """Predictions of any engine, with central differences."""
-
-    noise = 1e-5
-
-    def __init__(self, experiment: Experiment) -> None:
-        self.experiment, self._checked = experiment, False
-
-    def predict(self, values: Array) -> Array:
-        """One run.
-
-        Raises:
-            TensegrityError: as `simulate`; DivergenceError, too, for a run that ended before the last measurement.
+        Args:
+            pattern: (n, P) ones where the function changes with a parameter, else zeros: where no two change the same,
+                all are changed at once.
         """
-        of, (scene, law), (duration, interval) = self.experiment, self.experiment.at(values), self._grid
-        run = simulate(scene, law, of.engine, duration=duration, actuation=of.actuation, output_interval=interval)
-        if run.status is not Status.COMPLETED:
-            raise DivergenceError(f"the run ends before the last measurement: {run.message}", float(run.time[-1]), run)
-        if not self._checked:
-            of.check_slack(scene, run.tensions)
-        self._checked = True
-        found = resampled(run, of.observation.times).values
-        return of.observation.seen(found["nodes"], scene.structure.string_lengths(found["nodes"]), found["tensions"])
-
-    def jacobian(self, values: Array) -> Array:
-        """Two runs a parameter."""
-        return differences(self.predict, values, self.experiment.unknowns)
-
-    @cached_property
-    def _grid(self) -> tuple[float, float]:
-        """Duration and output interval [s]: samples at the measurements where these are regular, else fine ones."""
-        times, step = self.experiment.observation.times, getattr(self.experiment.engine, "timestep", None)
-        gap = float(np.diff(times[times > 0], prepend=0.0).min())
-        ratios = np.array([*(times / gap), *([gap / step] if step else [])])
-        interval = gap if np.all(np.abs(ratios - np.round(ratios)) < 1e-6) else step or min(FINEST, gap)
-        return float(np.ceil(times[-1] / interval - 1e-6)) * interval, interval
+        places, unknowns = np.arange(len(values)), self.unknowns
+        apart = pattern is not None and pattern.sum(axis=1).max() <= 1
+        found, step = [], STEP * unknowns.sizes
+        for group in [places] if apart else places[:, None]:
+            steps = np.where(np.isin(places, group), step, 0.0)
+            low, high = (np.clip(values + one, unknowns.low, unknowns.high) for one in (-steps, steps))
+            change = function(high) - function(low)
+            found += [change * (1.0 if pattern is None else pattern[:, one]) / (high[one] - low[one]) for one in group]
+        return np.stack(found, axis=1)
 
 
-def differences(
-    function: Callable[[Array], Array], values: Array, unknowns: Unknowns, pattern: Array | None = None
-) -> Array:
-    """Central differences (n, P) of a function of parameters (P,); at a bound, one-sided.
-
-    Args:
-        pattern: (n, P) ones where the function changes with a parameter, else zeros: where no two change the same, all
-            are changed at once.
-    """
-    places = np.arange(len(values))
-    apart = pattern is not None and pattern.sum(axis=1).max() <= 1
-    found, step = [], STEP * unknowns.sizes
-    for group in [places] if apart else places[:, None]:
-        steps = np.where(np.isin(places, group), step, 0.0)
-        low, high = (np.clip(values + one, unknowns.low, unknowns.high) for one in (-steps, steps))
-        change = function(high) - function(low)
-        found += [change * (1.0 if pattern is None else pattern[:, one]) / (high[one] - low[one]) for one in group]
-    return np.stack(found, axis=1)
-
-
-class Differentiated:
+@dataclass(eq=False)
+class Differentiated(Predictions):
     """Predictions of the engine that differentiates runs by arrays of numbers.
 
     What parameters make of these arrays, products and quotients of a few numbers, is differentiated by differences.
@@ -153,17 +138,21 @@ class Differentiated:
 
     noise = 1e-7
 
-    def __init__(self, experiment: Experiment) -> None:
+    def __post_init__(self) -> None:
         import jax
         from jax.flatten_util import ravel_pytree
 
         from tensegrity_mj.engines.jax.engine import Derivatives
 
-        unknowns, observation = experiment.unknowns, experiment.observation
-        engine = replace(experiment.engine, derivatives=Derivatives.FORWARD)
-        options = {"times": observation.times, "actuation": experiment.actuation}
-        _refuse_what_is_no_array(unknowns.paths)
-        program = engine.model(*experiment.at(unknowns.start), **options)
+        unknowns, observation = self.unknowns, self.observation
+        engine = replace(self.engine, derivatives=Derivatives.FORWARD)
+        options = {"times": observation.times, "actuation": self.actuation}
+        for path in unknowns.paths:
+            parts = parts_of(path.partition(".")[2], path)
+            kind, last = parts[0].partition("[")[0], parts[-1]
+            if last not in DIFFERENTIATED.get(kind, () if kind in CONSTANT else (last,)):
+                raise OptionError(f"{path}: {NOT_DIFFERENTIATED}")
+        program = engine.model(*self.at(unknowns.start), **options)
         _, restored = ravel_pytree(program.parameters)
 
         def seen(arrays: Any) -> Any:
@@ -175,16 +164,16 @@ class Differentiated:
             return jax.vmap(lambda change: one((change,)), out_axes=(None, 0, None))(changes)
 
         def arrays(values: Array) -> Array:
-            return np.asarray(ravel_pytree(engine.model(*experiment.at(values), **options).parameters)[0])
+            return np.asarray(ravel_pytree(engine.model(*self.at(values), **options).parameters)[0])
 
-        self._experiment, self._unknowns, self._arrays, self._along = experiment, unknowns, arrays, jax.jit(along)
+        self._arrays, self._along = arrays, jax.jit(along)
         self._last: tuple[Array, Array, Array] | None = None  # values, predictions, Jacobian
         # Beside the start, where a change may be zero by chance, as that of a slack string's rest length by stiffness.
         beside = np.clip(unknowns.start + 10 * STEP * unknowns.sizes, unknowns.low, unknowns.high)
-        self._pattern = (differences(arrays, beside, unknowns) != 0).astype(float)
+        self._pattern = (self._differences(arrays, beside) != 0).astype(float)
         for path, changes in zip(unknowns.paths, self._pattern.T, strict=True):
             if not changes.any():
-                raise OptionError(f"{path}: {_NOT_DIFFERENTIATED}")
+                raise OptionError(f"{path}: {NOT_DIFFERENTIATED}")
 
     def predict(self, values: Array) -> Array:
         """One run; TensegrityError for values that a scene cannot have."""
@@ -197,24 +186,17 @@ class Differentiated:
     def _at(self, values: Array) -> tuple[Array, Array, Array]:
         """Both by one compiled function: to compile a second one takes as long as many runs."""
         if self._last is None or not np.array_equal(self._last[0], values):
-            changes = differences(self._arrays, values, self._unknowns, self._pattern)
+            changes = self._differences(self._arrays, values, self._pattern)
             found, slopes, tensions = self._along(self._arrays(values), changes.T)
-            if self._last is None:
-                self._experiment.check_slack(self._experiment.at(values)[0], np.asarray(tensions))
+            self._check_slack(self.at(values)[0], np.asarray(tensions))
             self._last = values.copy(), np.asarray(found), np.asarray(slopes).T
         return self._last
 
 
-CONSTANT = ("nodes", "string_law", "duration")
-_NOT_DIFFERENTIATED = "JAX has no derivative by it; use another engine, as MuJoCo()"
-
-
-def _refuse_what_is_no_array(paths: tuple[str, ...]) -> None:
-    for path in paths:
-        parts = parts_of(path.partition(".")[2], path)
-        kind, last = parts[0].partition("[")[0], parts[-1]
-        if last not in DIFFERENTIATED.get(kind, () if kind in (*MEMBERS, *CONSTANT) else (last,)):
-            raise OptionError(f"{path}: {_NOT_DIFFERENTIATED}")
+def predictions_of(unknowns: Unknowns, observation: Observation, engine: Any, *how: Any) -> Predictions:
+    """Those of an engine, see `Predictions`."""
+    kind = Differentiated if engine_settings(engine)[0] == "jax" else Predictions
+    return kind(unknowns, observation, engine, *how)
 
 
 class Kept:

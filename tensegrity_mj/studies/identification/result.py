@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +22,7 @@ from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.identification.fitting import FitOptions, Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.page import page_of, verdicts
-from tensegrity_mj.studies.identification.predictions import Experiment, Kept
+from tensegrity_mj.studies.identification.predictions import Kept, predictions_of
 from tensegrity_mj.studies.identification.unknowns import Parameter, Unknowns
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report
@@ -71,15 +68,9 @@ class Identification(Report):
 
     def __repr__(self) -> str:
         heads = ("parameter", "start", "estimate", f"interval of {self.data['level']:.3g}", "")
-        rows = [
-            (row["name"], *(f"{row[key]:.6g}" for key in ("start", "value")), f"{row['low']:.6g} to {row['high']:.6g}")
-            for row in self.data["parameters"]
-        ]
-        noted = [(*row, one["note"]) for row, one in zip(rows, self.data["parameters"], strict=True)]
-        return printable("\n".join([*aligned([heads, *noted]), "", *(text for _, text in verdicts(self.data))]), "\n")
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        forms = ("{name}", "{start:.6g}", "{value:.6g}", "{low:.6g} to {high:.6g}", "{note}")
+        rows = [[form.format(**row) for form in forms] for row in self.data["parameters"]]
+        return printable("\n".join([*aligned([heads, *rows]), "", *(text for _, text in verdicts(self.data))]), "\n")
 
 
 def identify(
@@ -121,27 +112,27 @@ def identify(
     engine, chosen = checked_engine(engine), options or FitOptions()
     name, settings = engine_settings(engine)
     unknowns, observed = Unknowns.of(scene, parameters), Observation.of(scene.structure, measurements)
-    model = Experiment(unknowns, observed, engine, law, chosen.actuation).predictions
+    predictions = predictions_of(unknowns, observed, engine, law, chosen.actuation)
     facts = {"scene": scene.name, "source": scene.source, "engine": {"name": name, "options": settings}}
-    with contextlib.ExitStack() as opening:
-        if folder is not None:
-            study = {
-                "task": "identify",
-                "scene": scene_to_toml(scene),
-                "engine": facts["engine"],
-                "law": None if law is None else spec_of(law, scene),
-                "actuation": str(chosen.actuation),
-                "parameters": [unknowns.paths, unknowns.scaled, unknowns.sizes, unknowns.low, unknowns.high],
-                "measurements": digest([observed.labels, observed.times, observed.rows, observed.columns]),
-                "versions": versions(),
-            }
-            runs = opened(made_folder(folder) / RUNS, plain(study, "the study"))
-            model = Kept(model, opening.enter_context(runs))
+    runs, study = None, {}
+    if folder is not None:
+        runs = made_folder(folder) / RUNS
+        study = {
+            "task": "identify",
+            "scene": scene_to_toml(scene),
+            "engine": facts["engine"],
+            "law": None if law is None else spec_of(law, scene),
+            "actuation": str(chosen.actuation),
+            "parameters": [unknowns.paths, unknowns.scaled, unknowns.sizes, unknowns.low, unknowns.high],
+            "measurements": digest([observed.labels, observed.times, observed.rows, observed.columns]),
+            "versions": versions(),
+        }
+    with opened(runs, plain(study, "the study")) as kept:
+        model = predictions if folder is None else Kept(predictions, kept)
         try:
             found = fit(Problem(model, unknowns, observed), chosen, progress)
         except KeyboardInterrupt:
-            kept = "nothing is kept without a folder" if folder is None else f"finished runs are kept in {folder}"
-            raise KeyboardInterrupt(f"{kept}; run the same again") from None
+            raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
     draft = unknowns.at(np.array([row["value"] for row in found["parameters"]]))
     data = {**facts, "versions": versions(), **found}
-    return Identification(data, None if folder is None else Path(folder), scene=draft.plant or draft.scene).kept()
+    return Identification(data, scene=draft.plant or draft.scene).kept(folder)

@@ -137,8 +137,7 @@ def maps(data: Data) -> Figure:
     """A panel an axis: predicted lines and measured marks over the property varied."""
     axes = _mapped(data)
     figure, panels = grid_of_panels(len(axes), 3, 1.15 * COLUMN, 0.95 * COLUMN, 0.4)
-    for panel, axis in zip(panels, axes, strict=True):
-        rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
+    for panel, (axis, rows) in zip(panels, axes.items(), strict=True):
         for order, name in enumerate(_engines(data)):
             # The first ones broader: limits that coincide stay visible.
             _line(panel, axis, rows, name, 4.0 - 0.9 * min(order, 3))
@@ -147,9 +146,10 @@ def maps(data: Data) -> Figure:
     return figure
 
 
-def _mapped(data: Data) -> list[str]:
-    """The axes that have points with values."""
-    return [axis for axis in AXES if any(row["axis"] == axis and row["values"] is not None for row in data["maps"])]
+def _mapped(data: Data) -> dict[str, list[Data]]:
+    """The points with values of each axis that has some."""
+    rows = {axis: [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None] for axis in AXES}
+    return {axis: own for axis, own in rows.items() if own}
 
 
 def _engines(data: Data) -> list[str]:
@@ -185,8 +185,7 @@ def heat(data: Data) -> Figure:
     axes, names = _mapped(data), _engines(data)
     figure, panels = grid_of_panels(len(axes), 3, 1.15 * COLUMN, 0.62 * COLUMN, 0.3)
     image = None
-    for panel, axis in zip(panels, axes, strict=True):
-        rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
+    for panel, (axis, rows) in zip(panels, axes.items(), strict=True):
         table = np.array([_over(rows, name, "predicted") for name in names])
         image = panel.imshow(np.minimum(table, 300.0), aspect="auto", norm=LogNorm(0.01, 300.0), cmap="cividis")
         panel.set_yticks(range(len(names)), [TITLES[name] for name in names], fontsize=7)

@@ -16,7 +16,7 @@ from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.engine_names import NAMES, TITLES, engine_of, simulates
-from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.many import run_study
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
 from tensegrity_mj.studies.stability.study import DRAWN, agreement, at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
@@ -113,14 +113,9 @@ class StabilityStudy:
     def _limits(
         self, name: str, label: str, points: Sequence[dict[str, Any]], engines: list[str]
     ) -> list[dict[str, Any]]:
-        found = run_many(
-            limits_at,
-            [point | {"engines": engines} for point in points],
-            None if self.folder is None else Path(self.folder) / name,
-            workers=self.workers,
-            progress=self.progress,
-            label=label,
-        )
+        tasks = [point | {"engines": engines} for point in points]
+        place = None if self.folder is None else Path(self.folder) / name
+        found = run_study(limits_at, tasks, place, label, {"workers": self.workers, "progress": self.progress})
         return [
             {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
             for point, outcome in zip(points, found.outcomes, strict=True)

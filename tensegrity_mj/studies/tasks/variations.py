@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.scene_parameters import single_draws
 from tensegrity_mj.studies.tasks.definition import Task
 
-# What else may vary: control periods until a command is taken up, and standard deviations of measured nodes and their
-# velocities [m], [m/s], as of `controllers.Delayed` and `Noisy`.
-LOOP = ("delay", "noise.position", "noise.velocity")
+# What else may vary, by its field: control periods until a command is taken up, and standard deviations of measured
+# nodes and their velocities [m], [m/s], as of `controllers.Delayed` and `Noisy`.
+LOOP = {"delay": "delay", "noise.position": "position_noise", "noise.velocity": "velocity_noise"}
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,11 @@ class Variations:
         return self._made({draw.parameter: draw.sample(generator) for draw in self.draws})
 
     def _made(self, settings: Mapping[str, Any]) -> Variation:
-        loop = []
-        for path, known in zip(
-            LOOP, (self.base.delay, self.base.position_noise, self.base.velocity_noise), strict=True
-        ):
-            value = number_from(path, decoded(settings[path]), known) if path in settings else known
+        varied, of_scene = self.base, dict(settings)
+        for path in LOOP.keys() & settings.keys():
+            value = number_from(path, decoded(of_scene.pop(path)), getattr(varied, LOOP[path]))
             if value < 0 or (path == "delay" and value != round(value)):
                 need = "a whole number of control periods >= 0" if path == "delay" else "a number >= 0"
                 raise OptionError(f"{path} = {value:g}; it must be {need}")
-            loop.append(value)
-        of_scene = {path: value for path, value in settings.items() if path not in LOOP}
-        scene = Draft(self.base.scene).apply(of_scene).scene if of_scene else self.base.scene
-        return Variation(scene, int(loop[0]), loop[1], loop[2])
+            varied = replace(varied, **{LOOP[path]: type(getattr(varied, LOOP[path]))(value)})
+        return replace(varied, scene=Draft(varied.scene).apply(of_scene).scene) if of_scene else varied

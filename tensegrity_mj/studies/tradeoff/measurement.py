@@ -6,7 +6,7 @@ import enum
 import math
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.runs.variables import VARIABLES
-from tensegrity_mj.simulation import simulate
+from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.tradeoff.experiments import Experiment
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ class Ended(enum.Enum):
     SINGULAR = "singular"
     REFUSED = "refused"  # the engine cannot do this
     FAILED = "failed"  # the law raised an error
+
+
+FAILURES = {DivergenceError: Ended.DIVERGED, InfeasibleError: Ended.INFEASIBLE, ControllerError: Ended.FAILED}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # steps past the limit are part of a sweep
-            run = simulate(
+            run = simulate_as_far(
                 experiment.scene,
                 experiment.law,
                 engine,
@@ -90,20 +93,13 @@ def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = 
                 actuation=experiment.actuation,
                 output_interval=experiment.interval,
             )
-    except DivergenceError as error:
-        run = cast(Trajectory, error.trajectory)
-        return Attempt(Ended.BUDGET if _ran_out(run, engine) else Ended.DIVERGED, str(error), run)
     except TensegrityError as error:
-        failed = {InfeasibleError: Ended.INFEASIBLE, ControllerError: Ended.FAILED}
-        ended = next((end for kind, end in failed.items() if isinstance(error, kind)), Ended.REFUSED)
+        ended = next((end for kind, end in FAILURES.items() if isinstance(error, kind)), Ended.REFUSED)
         return Attempt(ended, str(error), None)
-    ended = {Status.COMPLETED: Ended.COMPLETED, Status.SINGULAR: Ended.SINGULAR}.get(run.status, Ended.INFEASIBLE)
-    return Attempt(ended, run.message, run)
-
-
-def _ran_out(run: Trajectory | None, engine: AnyEngine) -> bool:
     most = getattr(engine, "max_steps", None)
-    return run is not None and most is not None and run.cost.get("steps", 0) >= most
+    if run.status is Status.DIVERGED and most is not None and run.cost.get("steps", 0) >= most:
+        return Attempt(Ended.BUDGET, run.message, run)
+    return Attempt(Ended(run.status.value), run.message, run)
 
 
 def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[str, Any]:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
@@ -22,7 +20,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest, plain
-from tensegrity_mj.studies.report import Page, Report
+from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.store import Store, opened
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
@@ -33,7 +31,7 @@ from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
-PICTURE, RUNS = "tradeoff.png", "runs"
+PICTURE = "tradeoff.png"
 FORMAT = 1
 # Points that cost more than a part of the budget are timed so many times at most: long runs vary less.
 REPEATS_BEYOND = ((1.0, 1), (0.25, 2))
@@ -115,13 +113,11 @@ def tradeoff(
         "options": chosen.to_dict(),
         "versions": versions(),
     }
-    place = tempfile.TemporaryDirectory() if folder is None else contextlib.nullcontext(made_folder(folder))
-    with place as kept_in, opened(Path(kept_in) / RUNS, plain(study, "the study")) as kept:
+    with opened(runs_in(folder), plain(study, "the study")) as kept:
         try:
             found = _measure(scene, made, chosen, kept, progress)
         except KeyboardInterrupt:
-            finished = f"{len(kept.outcomes)} runs are kept in {kept.folder}"
-            raise KeyboardInterrupt(f"{finished}; run the same again to go on") from None
+            raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
     data: Data = {
         "format": FORMAT,
         "scene": {
@@ -137,7 +133,7 @@ def tradeoff(
         "versions": versions(),
         **found,
     }
-    return Tradeoff(data, None if folder is None else Path(folder)).kept()
+    return Tradeoff(data).kept(folder)
 
 
 # ---------------------------------------------------------------------------------------------------- references

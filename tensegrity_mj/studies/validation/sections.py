@@ -209,7 +209,7 @@ def _breaks(setup: Setup, engine: str) -> Iterator[Case]:
     count = min(len(names), setup.extent.broken)
     time = 0.01 * max(1, round(0.1 * setup.duration / 0.01))
     for number in sorted({round(i) for i in np.linspace(0, len(names) - 1, count)}):
-        point = setup.usual(engine) | {"breaks": [[names[number], time]]}
+        point = setup.usual(engine) | {"settings": {f"plant.breaks[{names[number]}].time": time}}
         yield Case("breaks", f"{names[number]} at {time:g} s", point, {"string": names[number], "time": time})
 
 
@@ -223,7 +223,8 @@ def _gravity(setup: Setup, engine: str) -> Iterator[Case]:
         for known in (False, True) if specs.has_option(setup.law, "gravity") else (False,):
             facts = {"gravity": vector.tolist(), "known_to_the_law": known}
             words = f"{label}, {'known' if known else 'unknown'} to the law"
-            yield Case("gravity", words, setup.usual(engine) | {"gravity": [vector.tolist(), known]}, facts)
+            point = setup.usual(engine) | {"settings": {"plant.gravity": vector.tolist()}}
+            yield Case("gravity", words, point | ({"known_gravity": vector.tolist()} if known else {}), facts)
 
 
 # --------------------------------------------------------------------------------------------------- initial states

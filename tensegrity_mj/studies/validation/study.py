@@ -10,8 +10,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import names_from, positive, whole
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.requirements import engines_for, only_one
@@ -21,10 +21,9 @@ from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.many import run_study
 from tensegrity_mj.studies.plain import plain
-from tensegrity_mj.studies.report import Page, Report
+from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.validation.findings import findings
 from tensegrity_mj.studies.validation.page import page_of
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
@@ -32,7 +31,7 @@ from tensegrity_mj.studies.validation.task import TICK, run_point
 from tensegrity_mj.studies.workers import Workers, workers_for
 
 FORMAT = 1
-DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder holds
+DATA, PAGE = "validation.json", "validation.html"  # what a folder holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,22 +105,13 @@ class Validate:
         chosen = names_from("sections", self.sections, tuple(SECTIONS))
         chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
         todo = cases(setup, chosen)
-        place = None if self.folder is None else made_folder(self.folder)
-        known = versions()
-        study = run_many(
+        study = run_study(
             run_point,
             [case.point for case in todo],
-            None if place is None else place / RUNS,
-            common={
-                "scene": scene_to_toml(scene),
-                "spec": spec,
-                "duration": setup.duration,
-                "timestep": setup.timestep,
-            },
-            identity={"versions": known, "law": description},
-            workers=workers_for(spec, self.workers),
-            progress=self.progress,
-            label=f"validation of {scene.name}",
+            runs_in(self.folder),
+            f"validation of {scene.name}",
+            {"identity": {"law": description}, "workers": workers_for(spec, self.workers), "progress": self.progress},
+            {"scene": scene_to_toml(scene), "spec": spec, **plain_values(setup, "duration", "timestep")},
         )
         data: dict[str, Any] = {
             "format": FORMAT,
@@ -130,16 +120,15 @@ class Validate:
             "setup": {
                 "engines": list(setup.engines),
                 "sections": chosen,
-                "duration": setup.duration,
-                "timestep": setup.timestep,
+                **plain_values(setup, "duration", "timestep"),
                 "control_period": setup.period,
                 "seed": setup.seed,
                 "runs": len(todo),
             },
-            "versions": known,
+            "versions": study.identity["versions"],
             **findings(setup, list(zip(todo, study.outcomes, strict=True))),
         }
-        return Validation(data, place).kept()
+        return Validation(data).kept(self.folder)
 
     def _setup(self, scene: Scene, law: Any) -> Setup:
         return Setup(

@@ -15,7 +15,6 @@ from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model.actuation import Actuation, Mode
-from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
@@ -35,11 +34,10 @@ DEFAULTS: dict[str, Any] = {
     "period": None,
     "law": None,  # another law than the one under test
     "gain": None,  # [X, Y, Z or decay_rate, factor]
-    "settings": {},  # parameters of `studies.parameters`
-    "gravity": None,  # [g, whether the law knows]
+    "settings": {},  # parameters of `studies.parameters`, of the plant
+    "known_gravity": None,  # what the law believes in, where it is not the scene's
     "noise": None,  # [m, m/s, seed]
     "delay": 0,  # samples
-    "breaks": [],  # [string, s]
     "nodes": None,  # (N, 3): another start
     "keep_nodes": False,
 }
@@ -56,16 +54,15 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
     draft = Draft(nominal, engine=case["engine"], engine_options=dict(case["engine_options"]))
     draft.apply(case["settings"])
     plant = draft.plant or draft.scene
-    law = _law(case, nominal)
-    if case["gravity"] is not None:
-        gravity, known = case["gravity"]
-        plant = plant.with_(gravity=tuple(gravity))
-        law = dataclasses.replace(law, gravity=tuple(gravity)) if known else law
-    if case["breaks"]:
-        plant = plant.with_(breaks=tuple(Break(name, time) for name, time in case["breaks"]))
+    law = specs.make(case["law"] or case["spec"], nominal)
+    if case["gain"] is not None:
+        law = with_gain(law, nominal, *case["gain"])
+    if case["known_gravity"] is not None:
+        law = dataclasses.replace(law, gravity=tuple(case["known_gravity"]))
     if case["nodes"] is not None:
         plant = plant.with_(initial_nodes=np.array(case["nodes"]), initial_velocities=None)
-    promised = native_law(law, nominal.structure).decay_rate
+    # Of another plant nothing is promised.
+    promised = None if case["settings"] else native_law(law, nominal.structure).decay_rate
     floor = getattr(law, "minimum_force_density", 0.0)
     law = NominalWinches.between(law, nominal.structure, plant.structure)
     period = case["period"]
@@ -85,8 +82,6 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
         )
     except DivergenceError as error:
         return {"status": "diverged", "message": str(error), "end_time": error.time}
-    if case["settings"] or case["gravity"] is not None or case["breaks"]:
-        promised = None  # of another plant
     values = measures.of_run(run, promised, floor)
     if case["keep_nodes"]:
         values["kept"] = kept_nodes(run, case["duration"])
@@ -118,13 +113,6 @@ def kept_nodes(run: Trajectory, duration: float) -> dict[str, Any]:
         "margin": run.feasibility_margin[rows].tolist(),
         "force_density": run.force_densities[rows].max(axis=1, initial=0.0).tolist(),
     }
-
-
-def _law(case: Mapping[str, Any], nominal: Scene) -> Any:
-    law = specs.make(case["law"] or case["spec"], nominal)
-    if case["gain"] is not None:
-        law = with_gain(law, nominal, *case["gain"])
-    return law
 
 
 def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.thesis_towers import APPENDIX_STAGES, appendix_beam, chapter7_tower
-from tensegrity_mj.library.tower import Topology, base_nodes, form_find, middle_nodes, top_nodes, tower_length
+from tensegrity_mj.library.tower import base_nodes, form_find, middle_nodes, top_nodes, tower_length
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
@@ -31,7 +32,6 @@ from tensegrity_mj.thesis.disturbance import disturbance_of, disturbed
 
 BASE, TOP = tuple(base_nodes()), tuple(top_nodes(APPENDIX_STAGES))
 MIDDLE = middle_nodes(APPENDIX_STAGES)
-INITIAL_LENGTH = float(APPENDIX_STAGES)  # m, cells of one metre
 # m: the ends of the thesis' axes
 STRETCH, SHORTENING, SIDEWAYS = 1.6, 3.5, 8.0
 POINTS = {"tension": 16, "compression": 28, "lateral": 20, "imperfect": 40}
@@ -84,15 +84,8 @@ def found(point: dict[str, Any]) -> dict[str, Any]:
         "nodes": state.nodes.tolist(),
         "rods": structure.rod_nodes.tolist(),
         "strings": structure.string_nodes.tolist(),
-        "stiffness": _guided(structure.node_index, np.eye(state.nodes.size), _stiffness(state)).tolist(),
+        "stiffness": _guided(structure.node_index, state.motions(), state.stiffness()).tolist(),
     }
-
-
-def _stiffness(state: StaticState) -> Array:
-    """(3N, 3N) [N/m] of all nodes, with elastic rods."""
-    C = state.model.rod_slopes(state.x)
-    rods = (C.T * (1.0 / state.model.compliance)) @ C
-    return np.asarray((state.model.hessian(state.x, state.rod_forces) + rods).toarray())
 
 
 def _places(index: dict[str, int], names: Sequence[str]) -> NDArray[np.int64]:
@@ -208,16 +201,13 @@ def _path_values(path: Path, axis: int, displacement: float) -> dict[str, Any]:
 
 def tower(point: dict[str, Any]) -> dict[str, Any]:
     """The tower of §7.2.3 before and after form-finding, with rigid rods as in that chapter."""
-    topology = Topology(point["topology"])
-    error = disturbance_of(point.get("disturbance"))
-    before = disturbed(chapter7_tower(point["stiffness"], point["measure"], topology=topology, form_found=False), error)
+    tower = chapter7_tower(point["stiffness"], point["measure"], topology=point["topology"], form_found=False)
+    before = disturbed(tower, disturbance_of(point.get("disturbance")))
     state = find_equilibrium(before)
     structure = before.structure
     # Before, no forces along the rods balance the strings: what the best ones leave.
     model = StaticModel.of(before)
-    x = before.nodes0.ravel()
-    pull, C = model.gradient(x), model.rod_slopes(x).toarray()
-    left = pull - C.T @ np.linalg.lstsq(C.T, pull, rcond=None)[0]
+    pull, left = model.gradient(before.nodes0.ravel()), balance(model).left
     return {
         "rods_count": len(structure.rods),
         "strings_count": len(structure.strings),

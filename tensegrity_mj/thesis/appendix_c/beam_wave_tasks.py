@@ -17,10 +17,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.beam_in_waves import GRAVITY, BeamEnd, BeamWeight, beam_in_waves
+from tensegrity_mj.library.beam_in_waves import beam_in_waves
 from tensegrity_mj.library.tower import top_nodes
-from tensegrity_mj.model.elements.water import water_forces
-from tensegrity_mj.model.elements.waves import angular_frequency
+from tensegrity_mj.model.elements.water import sea_of, water_forces
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
@@ -37,19 +36,8 @@ COUNT = 6  # of natural motions
 
 def scene_of(point: dict[str, Any]) -> Scene:
     """The scene of a point."""
-    given = {"duration": DURATION, **point["beam"]}
-    for name, kind in (("end", BeamEnd), ("weight", BeamWeight)):
-        if name in given:
-            given[name] = kind(given[name])
-    return disturbed(beam_in_waves(**given), disturbance_of(point.get("disturbance")))
-
-
-def frequency_of(scene: Scene) -> float:
-    """ω [rad/s] of its wave."""
-    assert scene.water is not None
-    wavelength = scene.water.waves[0].wavelength
-    assert wavelength is not None
-    return angular_frequency(2 * math.pi / wavelength, GRAVITY)
+    scene = beam_in_waves(**{"duration": DURATION, **point["beam"]})
+    return disturbed(scene, disturbance_of(point.get("disturbance")))
 
 
 def in_waves(point: dict[str, Any]) -> dict[str, Any]:
@@ -61,7 +49,7 @@ def in_waves(point: dict[str, Any]) -> dict[str, Any]:
 
 def measured(run: Trajectory) -> dict[str, Any]:
     """What is found in a run over its last `WATCHED` seconds, and how it differs from as many periods before."""
-    scene, period = run.scene, 2 * math.pi / frequency_of(run.scene)
+    scene, period = run.scene, 2 * math.pi / float(sea_of(run.scene).frequency[0])
     stages = len(scene.structure.rods) // 3
     centres = run.nodes.reshape(len(run.time), stages, 6, 3).mean(axis=2)
     top = run.nodes[:, [scene.structure.node_index[key] for key in top_nodes(stages)]].mean(axis=1)

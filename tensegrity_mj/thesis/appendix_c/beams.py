@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.thesis.appendix_c import beam_tasks, beam_wave_tasks, tower_wave_tasks
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.experiments import EngineName
-from tensegrity_mj.thesis.runs import StudyRun, Whole, code_digest, place_of
+from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
 
 Values = Mapping[str, Any]
 
@@ -48,7 +48,7 @@ class BeamRun(StudyRun):
 
 
 @dataclass(frozen=True)
-class BeamStudy(Whole):
+class BeamStudy:
     """What is computed.
 
     Attributes:
@@ -72,8 +72,10 @@ class BeamStudy(Whole):
         """That compute it."""
         return tuple(self.tasks)
 
-    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> BeamRun:
-        """Its values in one engine."""
+    def compute(
+        self, engine: EngineName, folder: Path, disturbance: Disturbance | None = None, **how: Unpack[RunOptions]
+    ) -> BeamRun:
+        """Its values in one engine; see `Series.compute`."""
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]

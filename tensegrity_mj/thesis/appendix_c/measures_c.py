@@ -17,7 +17,6 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.beam_in_waves import GRAVITY, STEEPNESS
 from tensegrity_mj.library.thesis_towers import appendix_beam
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.thesis.appendix_c.beam_tasks import INITIAL_LENGTH
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
 
 DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled
@@ -28,11 +27,6 @@ class Buckling(NamedTuple):
 
     deformation: float
     load: float
-
-
-def length_ratio(run: BeamRun, beam: str) -> float:
-    """Length after form-finding over that before."""
-    return float(run.of(beam, "length")) / INITIAL_LENGTH
 
 
 def initial(run: BeamRun, beam: str, axis: int = 0) -> float:
@@ -61,30 +55,10 @@ def stiffness(run: BeamRun, label: str) -> Array:
     return run.of(label, "K").astype(float) / 1e3
 
 
-def first(run: BeamRun, label: str) -> float:
-    """[kN/m] at zero load."""
-    return float(stiffness(run, label)[0])
-
-
-def last(run: BeamRun, label: str) -> float:
-    """[kN/m] at the end of the thesis' axis."""
-    return float(stiffness(run, label)[-1])
-
-
-def gain(run: BeamRun, label: str) -> float:
-    """[kN/m] by how much the stiffness has risen at the end of the thesis' axis."""
-    return float(np.ptp(stiffness(run, label)[[0, -1]]) * np.sign(last(run, label) - stiffness(run, label)[0]))
-
-
 def stress_rate(run: BeamRun, label: str) -> float:
     """[MPa/m] by which the largest stress of a rod has risen at the end of the axis."""
     stress, w = run.of(label, "stress"), run.of(label, "w")
     return float((stress[-1] - stress[0]) / (w[-1] - w[0]) / 1e6)
-
-
-def largest_stress(*runs: BeamRun) -> float:
-    """[MPa] of any rod on any path."""
-    return max(float(np.max(values["stress"])) for run in runs for values in run.values.values()) / 1e6
 
 
 def buckling(run: BeamRun, label: str) -> Buckling:
@@ -120,11 +94,6 @@ def first_slack(run: BeamRun, label: str) -> float:
     return float(w[k - 1] + (w[k] - w[k - 1]) * least[k - 1] / (least[k - 1] - least[k]))
 
 
-def turns_negative(run: BeamRun, label: str) -> bool:
-    """Whether the stiffness is below zero somewhere, on the way on or on the way back."""
-    return bool(np.nanmin(stiffness(run, label)) < 0)
-
-
 def before_buckling(run: BeamRun, imperfect: BeamRun, label: str) -> float:
     """By how much the perfect beam's stiffness changes up to where the imperfect one buckles, relative to its first."""
     K, w = stiffness(run, label), run.of(label, "w")
@@ -158,16 +127,6 @@ def euler_load() -> float:
 # ------------------------------------------------------------------------------------------------- several beams
 
 
-def is_tensegrity(run: BeamRun) -> bool:
-    """Whether in all beams every rod is compressed and every string taut."""
-    return all(min(v["stresses"]) > 0 and v["least_tension"] > 0 for v in run.values.values())
-
-
-def increases(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stiffness rises all along each path."""
-    return all(rises(stiffness(run, label)) for label in labels)
-
-
 def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
     """Whether the stiffness is higher from one to the next at every deformation."""
     return all(
@@ -198,11 +157,6 @@ def swings_grow(run: BeamRun, heights: Sequence[float]) -> bool:
 def falls(run: BeamRun, height: float) -> bool:
     """Whether beams swing less the more they are prestressed."""
     return rises([-amplitude(run, beam, height) for beam in BY_PRESTRESS])
-
-
-def largest_swing(run: BeamRun) -> float:
-    """[m] of all that were run."""
-    return max(float(np.max(values["along"])) for values in run.values.values())
 
 
 def resonant_height(run: BeamRun, label: str, pair: int) -> float:

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
-from tensegrity_mj.model.elements.water import Weights, sea_of
-from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections, rod_forces
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
@@ -26,18 +24,9 @@ INTERVAL = 0.02  # s between recorded samples: the largest D of them is low by 3
 SNAPSHOTS = 3  # over the last wave period, as figure 7.8
 
 
-def scene_of(tower: dict[str, Any]) -> Scene:
-    """The scene of a point."""
-    given = dict(tower)
-    for name, kind in (("topology", Topology), ("weights", Weights)):
-        if name in given:
-            given[name] = kind(given[name])
-    return tower_in_waves(**given)
-
-
 def in_waves(point: dict[str, Any]) -> dict[str, Any]:
     """A case, with the error that the point has, if any, simulated, and how the tower bends."""
-    scene = disturbed(scene_of(point["tower"]), disturbance_of(point.get("disturbance")))
+    scene = disturbed(tower_in_waves(**point["tower"]), disturbance_of(point.get("disturbance")))
     engine = engine_of(point.get("engine", "dae"), point["timestep"])
     return measured(simulate(scene, None, engine, output_interval=INTERVAL), point["transient"])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
-from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
+from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies, swings
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, SHOWN
 from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
@@ -52,10 +52,10 @@ def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, l
             f = run.cases.frequencies
             if number == 0:
                 top.plot(
-                    f, run.marker(marker, axis), color=color, marker=mark, ms=size, lw=1.0, label=f"rest in {label}"
+                    f, swings(run, marker, axis), color=color, marker=mark, ms=size, lw=1.0, label=f"rest in {label}"
                 )
             else:
-                drawing.circles(top, f, run.marker(marker, axis), color=color, size=7)
+                drawing.circles(top, f, swings(run, marker, axis), color=color, size=7)
             points = [(x, y) for x, row in zip(f, run.peaks(marker, axis), strict=True) for y in row]
             x, y = np.array(points).T
             if number == 0:

@@ -16,7 +16,7 @@ from tensegrity_mj.library.cable import (
     arc_lengths,
     pendulum_frequency,
 )
-from tensegrity_mj.thesis.chapter3.series import SeriesRun
+from tensegrity_mj.thesis.chapter3.series import SHOWN, SeriesRun
 
 # Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
 BETWEEN, SECOND = 0.6, (0.775, 1.075)
@@ -43,15 +43,15 @@ def markers_off() -> float:
 # ------------------------------------------------------------------------------------------------------ amplitudes
 
 
-def marker(run: SeriesRun, number: int, axis: int = 0) -> Array:
-    """(C,) relative amplitudes of a marker along an axis."""
-    return run.marker(number, axis)
+def swings(run: SeriesRun, number: int, axis: int = 0) -> Array:
+    """(C,) relative amplitudes of a marker of the figures along an axis."""
+    return run.cases.relative[:, SHOWN.index(number), axis]
 
 
 def peak_input(run: SeriesRun, marker: int, second: bool) -> float:
     """Input frequency of the largest in-plane amplitude above `BETWEEN`, or below it."""
     f = run.cases.frequencies
-    return float(f[np.argmax(np.where(f > BETWEEN if second else f < BETWEEN, run.marker(marker), 0.0))])
+    return float(f[np.argmax(np.where(f > BETWEEN if second else f < BETWEEN, swings(run, marker), 0.0))])
 
 
 def about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
@@ -62,7 +62,7 @@ def about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
 
 def largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) -> float:
     """Largest amplitude along an axis, of all inputs or of those about one eigenfrequency."""
-    values = run.marker(marker, axis)
+    values = swings(run, marker, axis)
     return float(values.max() if second is None else values[about(run, second)].max())
 
 
@@ -103,13 +103,8 @@ def first_part(run: SeriesRun, marker: int, low: float, high: float, axis: int =
 
 def out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
     """Lowest frequency of the largest out-of-plane peak of a run, among runs with whirling about the second one."""
-    whirling = about(run, True) & (run.marker(marker, 1) > 1.0)
+    whirling = about(run, True) & (swings(run, marker, 1) > 1.0)
     return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
-
-
-def found_steps(run: SeriesRun, name: str) -> Array:
-    """(S,) a number of every `FoundStep`; NaN where none was found."""
-    return np.array([getattr(one, name) for one in run.steps])
 
 
 def elements_of(run: SeriesRun) -> Array:
@@ -138,7 +133,7 @@ def drift_trend(run: SeriesRun) -> float:
 
 def refined_apart(*runs: SeriesRun) -> float:
     """Largest difference of relative amplitudes of marker 10 between models, away from the second one."""
-    amplitudes = np.array([run.marker(10) for run in runs])
+    amplitudes = np.array([swings(run, 10) for run in runs])
     f = runs[0].cases.frequencies
     away = (f < 0.775) | (f > SECOND[1])
     return float(np.ptp(amplitudes[:, away], axis=0).max())
@@ -146,7 +141,7 @@ def refined_apart(*runs: SeriesRun) -> float:
 
 def violence(run: SeriesRun) -> float:
     """Amplitude of marker 10 at 1.20 Hz over the mean of those at 1.10 and 1.15 Hz."""
-    values = dict(zip(np.round(run.cases.frequencies, 2), run.marker(10), strict=True))
+    values = dict(zip(np.round(run.cases.frequencies, 2), swings(run, 10), strict=True))
     return float(values[1.2] / (0.5 * (values[1.1] + values[1.15])))
 
 

@@ -7,9 +7,8 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as plain_field
-from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
+from tensegrity_mj.linearization.linearizing import linearize
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.codec import read
 from tensegrity_mj.model.text.table import Table
@@ -34,14 +34,13 @@ from tensegrity_mj.studies.cable.cases import (
     run_cases,
     simulated,
 )
-from tensegrity_mj.studies.cable.chain import engine_frequencies
 from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
 from tensegrity_mj.studies.cable.steps import FoundStep, steps_within
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName
-from tensegrity_mj.thesis.runs import StudyRun, Whole, code_digest, place_of
+from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
 
 FILE = Path(__file__).parents[1] / "tables" / "series.toml"
 # Hz between the frequencies of §3.3.2: so far apart "some 240 simulations" (§3.5.5), ten of each, would have them.
@@ -50,7 +49,7 @@ ELEMENTS = tuple(refined(divisions) for divisions in range(1, 11))
 SHOWN = (5, 10)  # the markers of the figures
 PLACES = tuple(FASTENING_LENGTH + MARKERS[number - 1] for number in SHOWN)  # m
 AMPLITUDE = 0.05  # m
-FINE_STEP, ALLOWED_DRIFT = 0.005, 0.02  # s, 1: §3.5.2
+ALLOWED_DRIFT = 0.02  # §3.5.2
 REFINED_COARSENESS = 0.7  # h ω of refined cables: that of thirteen elements at 0.01 s
 ROPE = slice(1, -1)  # the rods between fastening and load
 COUNTS = many(whole(1), "a list of integers")
@@ -81,15 +80,6 @@ class SeriesRun(StudyRun):
         assert self.results is not None
         return self.results
 
-    @cached_property
-    def relative(self) -> Array:
-        """(C, 2, 3) relative amplitudes of markers 5 and 10 in-plane, out-of-plane and vertically."""
-        return self.cases.relative
-
-    def marker(self, number: int, axis: int = 0) -> Array:
-        """(C,) relative amplitudes of a marker of the figures along an axis."""
-        return self.relative[:, SHOWN.index(number), axis]
-
     def peaks(self, number: int, axis: int = 0) -> list[tuple[float, ...]]:
         """The main peaks [Hz] of each run by the thesis' two criteria, largest first."""
         grid, column = self.cases.spectral_frequencies, SHOWN.index(number)
@@ -101,7 +91,7 @@ class SeriesRun(StudyRun):
 
 
 @value("series {name!r}", FormatError)
-class Series(Whole):
+class Series:
     """What is run.
 
     Attributes:
@@ -151,8 +141,10 @@ class Series(Whole):
             ]
         return found
 
-    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> SeriesRun:
-        """Its results in one engine."""
+    def compute(
+        self, engine: EngineName, folder: Path, disturbance: Disturbance | None = None, **how: Unpack[RunOptions]
+    ) -> SeriesRun:
+        """Its results in one engine; what its own folder in `folder` has of them is not computed again."""
         cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity = {"code": code_digest(), **error}
@@ -190,7 +182,8 @@ def marker_places(disturbance: Disturbance | None) -> tuple[float, ...]:
 def oscillations(point: dict[str, Any]) -> dict[str, Any]:
     """A task of `run_many`: the frequencies [Hz] of the small oscillations of a cable in an engine."""
     scene = disturbed(hanging(point["elements"]), disturbance_of(point.get("disturbance")), ROPE)
-    return {"frequencies": engine_frequencies(scene, _engine(EngineName(point["engine"]), scene, COARSENESS)).tolist()}
+    found = linearize(scene, _engine(EngineName(point["engine"]), scene, COARSENESS)).frequencies
+    return {"frequencies": np.sort(found)[::2].tolist()}  # each is there in two planes
 
 
 def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, ...]:

@@ -8,13 +8,13 @@ import numpy as np
 
 from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Topology
+from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import equal_scales, new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES, BeamRun
-from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import scene_of
 from tensegrity_mj.thesis.chapter7.measures7 import FIRST, FORMED, SHOWN, SOFT, STAGES, grid
 from tensegrity_mj.thesis.drawing import AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
@@ -46,7 +46,7 @@ def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
     nodes, time = run.of(label, "nodes")[moment], float(run.of(label, "times")[moment])
     drawing.members(panel, nodes[:, [0, 2]], run.of(label, "rods"), run.of(label, "strings"))
     x = np.linspace(nodes[:, 0].min() - MARGIN, nodes[:, 0].max() + MARGIN, 200)
-    sea = sea_of(scene_of(STUDIES[STUDY].points[label]["tower"]))
+    sea = sea_of(tower_in_waves(**STUDIES[STUDY].points[label]["tower"]))
     panel.plot(x, sea.elevation(time, x, 0.0 * x), color=palette.CYCLE[0], lw=1.2)
     panel.set_title(f"{time:.2f} s", fontsize=8.5)
     panel.set_aspect("equal")
@@ -56,9 +56,8 @@ def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
 def measure(all_runs: AllRuns) -> Figure:
     """Figure 7.7: the line between the ends, the centres, and the largest D of the softest case."""
     run = drawing.first_of(all_runs, STUDY)
-    points = centres(
-        run.of(SOFT, "nodes")[0], interconnections(scene_of(STUDIES[STUDY].points[SOFT]["tower"]).structure)
-    )
+    scene = tower_in_waves(**STUDIES[STUDY].points[SOFT]["tower"])
+    points = centres(run.of(SOFT, "nodes")[0], interconnections(scene.structure))
     D = distances_from_line(points)
     way, most = points[-1] - points[0], int(D.argmax())
     foot = points[0] + way * ((points[most] - points[0]) @ way) / (way @ way)
