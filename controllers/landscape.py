@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known, instance
+from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import not_negative, positive
 from tensegrity_mj.controllers.lyapunov import Lyapunov
@@ -27,8 +27,7 @@ from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.rods import directions
-from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.rods import directions, rod_number
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -66,7 +65,7 @@ class Landscape:
         """
         if not isinstance(law, (Lyapunov, Projection)):
             raise OptionError(f"a landscape is drawn of a Lyapunov or a Projection law, not of {law!r}")
-        record = law.gains[_rod_number(law.structure, rod)]
+        record = law.gains[rod_number(law.structure, rod)]
         values = []
         for key in ("Xb", "Yb", "Zb", "Kb"):
             matrix = record[key]
@@ -117,7 +116,7 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
     """
     instance("run", run, Trajectory, "use a Trajectory, as of simulate or Trajectory.load")
     structure = run.scene.structure
-    number = _rod_number(structure, rod)
+    number = rod_number(structure, rod)
     aim = target_positions(structure, run.scene.target, run.time)
     if aim is None:
         raise OptionError(f"scene '{run.scene.name}' has no target, relative to which a rod has an angle")
@@ -142,13 +141,3 @@ def _numbers(what: str, values: ArrayLike) -> Array:
         return np.asarray(values, float)
     except (TypeError, ValueError):
         raise OptionError(f"{what} = {values!r}; it must be a number or an array of numbers") from None
-
-
-def _rod_number(structure: Structure, rod: str | None) -> int:
-    names = [one.name for one in structure.rods]
-    if not names:
-        raise OptionError(f"structure '{structure.name}' has no rods")
-    if rod is None:
-        return 0
-    check_known(f"structure '{structure.name}'", rod, names, "rod")
-    return names.index(rod)

@@ -65,7 +65,7 @@ class OwnLaw:
     @property
     def makes(self) -> bool:
         """Whether it makes the law, rather than being it."""
-        return isinstance(self.found, type) or self._needed in (1, 2)
+        return isinstance(self.found, type) or (self._needed in (1, 2) and not hasattr(self.found, "native"))
 
     @cached_property
     def options(self) -> dict[str, inspect.Parameter]:

@@ -13,9 +13,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, Spec, digest_of, found, imported, is_of_text, is_own, named, title_of
 from tensegrity_mj.controllers.scenes import from_scene, law_named, named_in
@@ -127,10 +125,10 @@ def _built_in(law: Any, scene: Scene) -> Spec | None:
     """A built-in law by its options, where that gives the same law again."""
     for name in built_in():
         entry = LAWS[name]
-        if not isinstance(entry, NamedLaw) or type(law) is not entry.law:
+        if not (isinstance(entry, NamedLaw) and type(law) is entry.law and dataclasses.is_dataclass(entry.law)):
             continue
         fields = {item.name for item in dataclasses.fields(law)}
-        options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields}
+        options = {key: plain(getattr(law, key)) for key in entry.options if key in fields}
         known = [one for one in KnownWater if law.known == ((water,) if (water := one.of(scene.water)) else ())]
         if not known:
             return None
@@ -144,18 +142,6 @@ def _built_in(law: Any, scene: Scene) -> Spec | None:
         except (TensegrityError, TypeError, ValueError):
             return None
     return None
-
-
-def _plain_option(value: Any) -> Any:
-    if isinstance(value, Gains):
-        return {key: np.asarray(getattr(value, key)).tolist() for key in ("X", "Y", "Z")}
-    if isinstance(value, Mapping):
-        return {str(key): _plain_option(item) for key, item in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, float) and value == np.inf:
-        return value
-    return getattr(value, "value", value)
 
 
 def _imported(law: Any) -> Spec | None:

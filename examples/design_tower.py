@@ -1,6 +1,6 @@
 """The lightest tower by gradients: form, prestress and sections together, by SciPy's SLSQP on derivatives of JAX.
 
-    pip install "tensegrity-mj[jax]"
+    python -m pip install ".[jax]"
     python examples/design_tower.py                             # about a minute on two cores
     python examples/design_tower.py --wind 50 --frequency 12
 

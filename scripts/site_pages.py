@@ -85,11 +85,11 @@ def gallery() -> str:
 
 
 def _card(name: str) -> Iterator[str]:
+    from tensegrity_mj.commands.scenes import counts_of, counts_text
     from tensegrity_mj.library.load import load_scene
 
     scene = load_scene(name)
-    counts = {"rod": len(scene.structure.rods), "string": len(scene.structure.strings)}
-    size = ", ".join(f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items() if count)
+    size = counts_text(counts_of(scene.structure))
     film = FILMS / f"{name}.mp4"
     yield f"**[{title(name)}](scenes/{name}.md)**"
     yield ""

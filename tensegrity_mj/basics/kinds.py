@@ -39,7 +39,7 @@ class Kind(NamedTuple):
         part: the class of a value with fields of its own, which is a table in a file; None for all others.
         many: whether it is a tuple of such values, an array of tables.
         single: whether it is one number, truth value or member of an enum, which a sweep may set.
-        row: whether it is three numbers, which a sweep may set, too, or one of.
+        row: whether it is a row of numbers, three of most, which a sweep may set, too, or one of.
         schema: what a file must hold for it, as JSON Schema.
     """
 

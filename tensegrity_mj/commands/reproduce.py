@@ -6,7 +6,6 @@ import argparse
 from typing import TYPE_CHECKING
 
 from tensegrity_mj import studies
-from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import ExitCode, Outcome
 
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run, judge, draw and say where the files are."""
-    if options.sensitivity is not None:
-        return _sensitivity(options)
-
     from tensegrity_mj.thesis import page
     from tensegrity_mj.thesis.experiments import TITLES, EngineName
     from tensegrity_mj.thesis.reproduction import reproduce
@@ -34,8 +30,6 @@ def execute(options: argparse.Namespace) -> Outcome:
         picture_format=options.format,
         draw=not options.no_figures,
     )
-    if options.table is not None:
-        write_text(options.table, page.markdown(found.rows))
     files = {what: str(path.absolute()) for what, path in found.files.items()}
     data = {
         "status": "unexplained" if found.unexplained else "completed",
@@ -78,15 +72,3 @@ def _disturbance(text: str | None) -> Disturbance | None:
         known = ", ".join(one.value for one in Quantity)
         raise OptionError(f"--disturb {text!r}: use QUANTITY=FACTOR, such as mass=1.1; quantities: {known}") from None
     return Disturbance(*chosen)
-
-
-def _sensitivity(options: argparse.Namespace) -> Outcome:
-    """Which rows notice errors, as a table."""
-    from tensegrity_mj.thesis.sensitivity import sensitivity
-
-    file, workers = options.sensitivity, studies.Workers(options.workers)
-    table = sensitivity(options.figures, options.out, file, workers=workers, progress=True)
-    lines = [[name, ", ".join(f"{what} {size} %" for what, size in found.items()) or "nothing"]
-             for name, found in table["rows"].items()]  # fmt: skip
-    text = "\n".join([*aligned([["row", "notices"], *lines]), "", f"Written: {file.absolute()}"])
-    return Outcome(table, text, ExitCode.SUCCESS)

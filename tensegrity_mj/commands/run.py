@@ -112,7 +112,8 @@ def describe(data: dict[str, Any]) -> str:
         ("energy residual", number(data["energy_residual"], "J")),
         *([("largest node error, estimated", _error(data))] if "accuracy" in data["reports"] else []),
         *([("forces not unique", ", ".join(loose))] if (loose := data["reports"].get("undetermined_forces")) else []),
-        *([("flow across rods", _flow(water))] if (water := data["reports"].get("water")) else []),
+        *([("left out", left)] if (left := data["reports"].get("left_out")) else []),
+        *(_flow(water) if (water := data["reports"].get("water")) else []),
         ("real-time factor", number(data["real_time_factor"])),
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot", "web") if data[name]]
@@ -126,14 +127,17 @@ def _error(data: dict[str, Any]) -> str:
     return f"{number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m requested)"
 
 
-def _flow(found: dict[str, Any]) -> str:
-    """The numbers of the flow around rods, and what is outside the ranges that coefficients are for."""
-    text = f"Rn up to {found['reynolds']:.3g}"
-    if found["keulegan_carpenter"] is not None:
-        text += ", KC {:.3g} to {:.3g}".format(*found["keulegan_carpenter"])
-    count = found["segments"]
-    text += f"; {count['count']} segments a rod" + (", chosen" if count["chosen"] else ", given")
-    return "; ".join([text, *found["notes"]])
+def _flow(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The numbers of the flow around rods where there are any, and what is outside the ranges of coefficients."""
+    from tensegrity_mj.model.elements.water_segments import count_text
+
+    texts, rods = [count_text(found["segments"]), *found["notes"]], found["reynolds"] is not None
+    if rods:
+        text = f"Rn up to {found['reynolds']:.3g}"
+        if found["keulegan_carpenter"] is not None:
+            text += ", KC {:.3g} to {:.3g}".format(*found["keulegan_carpenter"])
+        texts = [text, *texts]
+    return [("flow across rods" if rods else "water", "; ".join(texts))]
 
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float | None]:

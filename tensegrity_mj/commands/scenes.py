@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model
@@ -12,9 +13,7 @@ from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.commands.common import Outcome, number, table
 from tensegrity_mj.errors import OptionError
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.elements.water_segments import SegmentCount
+from tensegrity_mj.model.capabilities import DRY_BODIES
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -32,12 +31,27 @@ def execute(options: argparse.Namespace) -> Outcome:
     rows = []
     for name, scene in scenes.items():
         group, line = kinds.get(name, OTHER)
-        counts = {"rods": len(scene.structure.rods), "strings": len(scene.structure.strings)}
+        counts = counts_of(scene.structure)
         rows.append({"name": name, "group": group, "description": line, **counts, "source": scene.source})
     return Outcome({"status": "ok", "scenes": rows}, _listed(rows, options.sources))
 
 
 OTHER = ("Others", "")
+
+
+def counts_of(structure: model.Structure) -> dict[str, int]:
+    """How many members of each kind it was given; a string with mass is one."""
+    return {
+        "rods": len(structure.rods),
+        "strings": len(structure.given.strings),
+        "bodies": len(structure.bodies),
+    }
+
+
+def counts_text(counts: Mapping[str, Any]) -> str:
+    """The same in words, such as "1 rod, 3 strings"; without those that there are none of."""
+    words = (("rods", "rod"), ("strings", "string"), ("bodies", "body"))
+    return ", ".join(f"{counts[many]} {one if counts[many] == 1 else many}" for many, one in words if counts[many])
 
 
 def shipped() -> dict[str, dict[str, str]]:
@@ -49,6 +63,8 @@ def shipped() -> dict[str, dict[str, str]]:
 def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
     """One line a scene, by groups."""
     width = max((len(row["name"]) for row in rows), default=0)
+    sizes = {row["name"]: counts_text(row) for row in rows}
+    size_width = max(map(len, sizes.values()), default=0)
     lines = []
     for group in [*shipped(), OTHER[0]]:
         members = {row["name"]: row for row in rows if row["group"] == group}
@@ -56,7 +72,7 @@ def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
         lines += [f"{group}:"] if members else []
         for name in dict.fromkeys(name for name in order if name in members):
             row = members[name]
-            lines.append(f"  {name:<{width}}  {row['rods']:>3} rods {row['strings']:>4} strings  {row['description']}")
+            lines.append(f"  {name:<{width}}  {sizes[name]:<{size_width}}  {row['description']}")
             lines += [f"  {'':<{width}}  from {row['source']}"] if sources else []
     return "\n".join(lines)
 
@@ -105,8 +121,9 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "contact": None if scene.contact is None else vars(scene.contact),
         "motions": {motion.support: motion_text(motion) for motion in scene.motions},
         "resistance": resistance_text(scene) or None,
-        "water": None if scene.water is None else water_text(scene.water, scene.water_segments),
+        "water": water_text(scene) or None,
         "water_segments": None if scene.water is None else scene.water_segments.report(),
+        "left_out": DRY_BODIES.find(scene) or None,
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
@@ -205,8 +222,12 @@ def resistance_text(scene: model.Scene) -> str:
     return "; ".join(parts + wind)
 
 
-def water_text(water: model.Water, segments: SegmentCount) -> str:
-    """Water, waves and current, in words."""
+def water_text(scene: model.Scene) -> str:
+    """Water, waves and current, in words; nothing without water."""
+    water = scene.water
+    if water is None:
+        return ""
+    segments = scene.water_segments
     parts = [f"{water.density:g} kg/m³, " + ("deep" if water.depth is None else f"{water.depth:g} m deep")]
     for wave in water.waves:
         size = f"{wave.wavelength:g} m long" if wave.wavelength is not None else f"{wave.angular_frequency:g} rad/s"
@@ -217,9 +238,14 @@ def water_text(water: model.Water, segments: SegmentCount) -> str:
         parts.append(f"{size}, {which}, towards {math.degrees(sea.direction):.4g}°")
     if any(water.current):
         parts.append(f"current {water.current} m/s")
-    tangential = f" and {water.tangential_drag:g} along rods" if water.tangential_drag else ""
-    inertia = f"C_a = {water.added_mass:g}, C_M = {water.inertia_coefficient:g}"
-    parts.append(f"drag {water.drag:g} across{tangential}, {inertia}, {segments.text()}")
+    loads = [f"drag {water.drag:g} across"]
+    if water.tangential_drag:
+        loads[0] += f" and {water.tangential_drag:g} along {' and '.join(f'{kind}s' for kind in segments.kinds)}"
+    if water.string_diameter is not None:
+        loads.append(f"strings {water.string_diameter:g} m thick")
+    if "rod" in segments.kinds:
+        loads.append(f"C_a = {water.added_mass:g}, C_M = {water.inertia_coefficient:g}")
+    parts.append(", ".join([*loads, segments.text()]))
     return "; ".join([*parts, *segments.warnings])
 
 
@@ -283,13 +309,17 @@ def _text(data: dict[str, Any]) -> str:
 
     control, contact, spun = data["control"], data["contact"], data["mujoco_velocities"]
     fixed = f", fixed: {', '.join(data['fixed_nodes'])}" if data["fixed_nodes"] else ""
-    turning = f" ({spun} in MuJoCo, where free rods also spin)" if spun else ""
+    spins = ", where free rods also spin" if data["rods"] else ""
+    turning = f" ({spun} in MuJoCo{spins})" if spun and spun != data["degrees_of_freedom"] else ""
+    parts = {name for rope in data["ropes"] for name in rope["strings"]}
+    whole = [*data["ropes"], *(string for string in data["strings"] if string["name"] not in parts)]
     head = [
         ("scene", data["name"]),
         ("source", data["source"] or "-"),
         ("nodes", f"{len(data['nodes'])}{fixed}"),
         ("rods", str(len(data["rods"]))),
-        ("strings", str(len(data["strings"]))),
+        ("strings", str(len(whole))),
+        *([("bodies", str(len(data["bodies"])))] if data["bodies"] else []),
         *([("constraints", ", ".join(one["name"] for one in held))] if (held := data["constraints"]) else []),
         ("degrees of freedom", f"{data['degrees_of_freedom']}{turning}"),
         (
@@ -308,6 +338,7 @@ def _text(data: dict[str, Any]) -> str:
         *[("motion", f"{name}: {text}") for name, text in data["motions"].items()],
         ("resistance", data["resistance"] or "none"),
         *([("water", data["water"])] if data["water"] else []),
+        *([("left out", data["left_out"])] if data["left_out"] else []),
         ("duration", number(data["duration"], "s")),
     ]
     rods = [
@@ -316,7 +347,6 @@ def _text(data: dict[str, Any]) -> str:
         + (f", k = {rod['stiffness']:g} N/m, c = {rod['damping']:g} N s/m" if "stiffness" in rod else "")
         for rod in data["rods"]
     ]
-    parts = {name for rope in data["ropes"] for name in rope["strings"]}
     strings = [
         f"  {s['name']}: {' - '.join(s['nodes'])}, "
         + (f"k = {s['stiffness']:g} N/m, " if s["stiffness"] else f"constant {s['tension']:g} N, ")
@@ -325,11 +355,11 @@ def _text(data: dict[str, Any]) -> str:
         + (f", a curve of {len(s['curve'])} points" + ", yields" * s["yields"] if s.get("curve") else "")
         + (f", {s['string_law']}" if "string_law" in s else "")
         + (f", {s['mass']:g} kg in {s['segments']} segments" if "mass" in s else "")
-        for s in [*data["ropes"], *(s for s in data["strings"] if s["name"] not in parts)]
+        for s in whole
     ]
     bodies = [
         f"  {body['name']}: {' - '.join(body['nodes'])}, {body['mass']:g} kg, {'held' if body['held'] else 'free'}"
         for body in data["bodies"]
     ]
-    shown = ["bodies:", *bodies] if bodies else []
-    return "\n".join([table(head), "rods:", *rods, "strings:", *strings, *shown])
+    members = {"rods:": rods, "strings:": strings, "bodies:": bodies}
+    return "\n".join([table(head), *(line for title, rows in members.items() if rows for line in (title, *rows))])

@@ -124,7 +124,7 @@ def _draw(text: str) -> studies.Draw:
             f"--draw {text}: allowed after = are uniform:LOW:HIGH, loguniform:LOW:HIGH, normal:MEAN:DEVIATION and "
             "choice:A,B,C, with * before them for factors"
         )
-    first, second = (_float(number, f"--draw {text}") for number in numbers)
+    first, second = (_number(number, f"--draw {text}: number") for number in numbers)
     return studies.Draw(path, getattr(studies, two[name])(first, second), scaled)
 
 
@@ -141,13 +141,20 @@ def values_of(text: str, what: str) -> list[Any]:
     parts = rest.split(":")
     if len(parts) != 3 or not parts[2].isdigit() or int(parts[2]) < 2:
         raise OptionError(f"{what}: write {kind}:FROM:TO:COUNT with a count of at least 2")
-    first, last, count = _float(parts[0], what), _float(parts[1], what), int(parts[2])
+    first, last = (_number(part, f"{what}: end") for part in parts[:2])
     if kind == "log" and not (first > 0 and last > 0):
         raise OptionError(f"{what}: both ends of a logarithmic range must be > 0")
+    count = int(parts[2])
     steps = [number / (count - 1) for number in range(count - 1)]
     found = [first + (last - first) * step if kind == "linear" else first * (last / first) ** step for step in steps]
     found.append(last)
     return [value_of(f"*{value!r}") for value in found] if scaled else found
+
+
+def _number(text: str, what: str) -> float:
+    from tensegrity_mj.basics.checks import finite
+
+    return finite(what, value_of(text))
 
 
 def value_of(text: str) -> Any:
@@ -181,13 +188,3 @@ def split(text: str) -> list[str]:
         else:
             parts[-1] += letter
     return parts
-
-
-def _float(text: str, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise OptionError(f"{what}: {text!r} is no finite number")
-    return value

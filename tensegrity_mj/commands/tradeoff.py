@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
     from tensegrity_mj.studies.tradeoff.advising import sentences
-    from tensegrity_mj.studies.tradeoff.docs import TEXT, write_docs
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
@@ -29,8 +28,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     names = [file_name(scene.name) for scene in scenes]
     if len(set(names)) < len(names):
         raise OptionError(f"scenes {', '.join(names)}: each must have a name of its own")
-    if options.docs is not None and not (Path(options.docs) / TEXT).is_file():
-        raise OptionError(f"--docs {options.docs}: there is no {TEXT} in it; name the folder of the documentation")
     found: list[dict[str, Any]] = []
     lines: list[str] = []
     for scene, name in zip(scenes, names, strict=True):
@@ -43,9 +40,6 @@ def execute(options: argparse.Namespace) -> Outcome:
             if has_diagram(study.data):
                 study.save_figure(folder / PICTURE)
             print(f"wrote {folder}", file=sys.stderr)
-        if options.docs is not None:
-            for path in write_docs(options.docs, [study.data]):
-                print(f"wrote {path}", file=sys.stderr)
     return Outcome({"status": "completed", "scenes": found}, "\n".join(lines).rstrip())
 
 

@@ -47,7 +47,7 @@ def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | No
         OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
         StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, for bodies, and
             for what MuJoCo cannot hold.
-        SceneError: for supports that move, and for water, which adds mass to rods.
+        SceneError: for supports that move, and for water that adds mass to rods.
     """
     if scene.contact is not None:
         raise OptionError(

@@ -18,6 +18,7 @@ from tensegrity_mj.dm_control.readings import pushed_nodes
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.model.scene import Scene
@@ -45,7 +46,7 @@ def physics(
     Raises:
         OptionError: for a time step, an integrator or a command that is none.
         StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
-        SceneError: for supports that move, and for water, which adds mass to rods.
+        SceneError: for supports that move, and for water that adds mass to rods.
     """
     options = MuJoCo(timestep, integrator)
     member("command", command, Command)
@@ -76,21 +77,15 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
     if nodes:
         world = root.find("worldbody")
         assert world is not None
-        axes = unused("load axes", scene.structure.node_names)
+        (axes,) = distinct(["load axes"], set(scene.structure.node_names))
         ET.SubElement(world, "site", name=axes, pos="0 0 0", size="1e-6", rgba="0 0 0 0")
         actuators = root.find("actuator")
         if actuators is None:
             actuators = ET.SubElement(root, "actuator")
+        gears = {"x": "1 0 0 0 0 0", "y": "0 1 0 0 0 0", "z": "0 0 1 0 0 0"}
+        pushes = [(node, letter) for node in nodes for letter in gears]
         taken = {string.name for string in scene.structure.strings}
-        for node in nodes:
-            for letter, gear in zip("xyz", ("1 0 0 0 0 0", "0 1 0 0 0 0", "0 0 1 0 0 0"), strict=True):
-                name = unused(f"load on {node} {letter}", taken)
-                ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gear)
+        names = distinct((f"load on {node} {letter}" for node, letter in pushes), taken)
+        for name, (node, letter) in zip(names, pushes, strict=True):
+            ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gears[letter])
     return root
-
-
-def unused(name: str, taken: tuple[str, ...] | set[str]) -> str:
-    """The name, with a sign behind it until nobody else has it."""
-    while name in taken:
-        name += "'"
-    return name

@@ -13,6 +13,7 @@ from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
 from tensegrity_mj.dynamics.native.watch import NONE, impossible
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.capabilities import DRY_BODIES
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.members import LIMITS
 from tensegrity_mj.model.structure import Structure
@@ -76,6 +77,8 @@ def reports_of(request: Request, run: Trajectory, plant: Plant | None, step: flo
         },
         "negative_force_densities": _sorted(pushed),  # that a law commanded
     }
+    if dry := DRY_BODIES.find(run.scene):
+        reports["left_out"] = dry
     if bent is not None:
         reports["buckling"] = bent
     if resolution is not None:

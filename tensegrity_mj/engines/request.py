@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.basics.checks import instance, member, positive
+from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,48 @@ class Request:
             found["control period"] = self.actuation.period
         breaks = [one for one in self.scene.breaks if 0 < one.time < self.duration]
         return found | {f"break of string '{one.string}'": one.time for one in breaks}
+
+
+def request_for(
+    scene: Scene,
+    controller: Law | Callable[..., ArrayLike] | None,
+    duration: float | None,
+    actuation: Actuation | None,
+    on_infeasible: OnInfeasible,
+    output_interval: float | None,
+    progress: bool,
+    as_c: Callable[[Any, Structure], NativeLaw] = native_law,
+) -> Request:
+    """A request to an engine, checked; the arguments are those of `simulate`.
+
+    Args:
+        as_c: (law, structure) -> its C function.
+
+    Raises:
+        OptionError: for options that are out of range or contradict each other.
+        SceneError: where a support's motion, given as data, ends on its way within the run.
+    """
+    actuation = Actuation.continuous() if actuation is None else actuation
+    instance("actuation", actuation, Actuation, "use Actuation.continuous() or one of the hold modes")
+    member("on_infeasible", on_infeasible, OnInfeasible)
+    total = scene.duration if duration is None else duration
+    total = positive("duration", total, "s")
+    if output_interval is not None:
+        output_interval = positive("output_interval", output_interval, "s")
+    if output_interval is not None and output_interval > total * (1 + 1e-12):
+        raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
+    check_motions_until(scene, total)
+    law = as_c(controller, scene.structure)
+    if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
+        raise OptionError(law.discontinuous)
+    if controller is None and actuation.mode is not Mode.CONTINUOUS:
+        raise OptionError(f"actuation '{actuation.mode.value}' without a law: there is nothing to sample; leave it out")
+    if law.period is not None and actuation.period is not None and abs(actuation.period / law.period - 1) > 1e-9:
+        raise OptionError(
+            f"control period = {actuation.period:g} s: the law (or its recording) has samples each {law.period:g} s; "
+            "use that period"
+        )
+    return Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
 
 
 class Accelerations(Protocol):

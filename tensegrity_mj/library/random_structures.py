@@ -18,13 +18,12 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.model.events import ControlSpec, Load
+from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support, null_space_basis
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.target import Target
 
 SUPPORTS = ("free", "pinned", "constrained")
 
@@ -149,8 +148,6 @@ class RandomScene:
         moving: how fast it starts [m/s and rad/s].
         gravity: 9.81 m/s² in a random direction.
         loads: how many sinusoidal nodal forces.
-        waypoints: of the target; 0 for no target, 1 for a set-point.
-        control: whether to name a control law.
     """
 
     rng: np.random.Generator
@@ -160,18 +157,11 @@ class RandomScene:
     moving: float = 0.0
     gravity: bool = False
     loads: int = 0
-    waypoints: int = 0
-    control: bool = False
     duration: float = 1.0
 
     def __call__(self) -> Scene:
         nodes = random_configuration(self.rng, self.structure, self.displaced) if self.displaced else None
         start = self.structure.positions if nodes is None else nodes
-        targets = [random_configuration(self.rng, self.structure, 0.3) for _ in range(self.waypoints)]
-        times = np.cumsum(self.rng.uniform(0.2, 1.0, self.waypoints))
-        names, target = self.structure.node_names, None
-        if targets:
-            target = Target.path(times.tolist(), targets) if len(targets) > 1 else Target.set_point(targets[0])
         return Scene(
             structure=self.structure,
             name="random scene",
@@ -181,17 +171,13 @@ class RandomScene:
             initial_velocities=random_velocities(self.rng, self.structure, start, self.moving) if self.moving else None,
             loads=tuple(
                 Load(
-                    str(self.rng.choice(names)),
+                    str(self.rng.choice(self.structure.node_names)),
                     tuple(self.rng.normal(size=3)),
                     float(self.rng.uniform(0, 5)),
                     float(self.rng.uniform(-3, 3)),
                 )
                 for _ in range(self.loads)
             ),
-            target=target,
-            control=ControlSpec("lyapunov", {"decay_rate": float(self.rng.uniform(0.1, 1)), "norm": 2})
-            if self.control
-            else None,
             duration=self.duration,
         )
 

@@ -95,7 +95,7 @@ class Spine:
         groups = np.kron(np.eye(2 * joints), np.ones((4, 1)))  # four upright ones, four saddles, joint by joint
         A = equilibrium_matrix(structure) @ groups
         weight = free_motions(structure).T @ loads_on(structure, (0.0, 0.0, -self.gravity), None).ravel()
-        # Upright strings as tense as asked for; saddles follow, joint by joint from above.
+        # Upright strings as tense as is wanted; saddles follow, joint by joint from above.
         upright = np.full(joints, self.tension / self.spacing)
         known = A[:, ::2] @ upright + weight
         saddles, *_ = np.linalg.lstsq(A[:, 1::2], -known, rcond=None)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
@@ -29,10 +30,7 @@ def catenary(span: float, rise: float, length: float, elements: int) -> Array:
     # A fold so narrow that only its width, which is in proportion, depends on the span.
     wide = max(span, 1e-12 * length)
     flat = math.sqrt(1 - (rise / length) ** 2) * (length / wide)
-    low, high = 0.0, 100.0
-    for _ in range(200):  # sinh X / X is monotonic
-        X = 0.5 * (low + high)
-        low, high = (X, high) if math.sinh(X) < flat * X else (low, X)
+    X = 0.5 * sum(bisect(lambda x: math.sinh(x) < flat * x, 0.0, 100.0, 1e-58))  # sinh X / X is monotonic
     a, middle = wide / (2 * X), math.atanh(rise / length)
     first = middle - X
     u = np.arcsinh(np.linspace(0.0, length / a, elements + 1) + math.sinh(first))

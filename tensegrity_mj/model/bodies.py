@@ -39,7 +39,7 @@ class Body:
     name: str = field(printable_name())
     nodes: tuple[str, ...] = field(pair("node", more=True))
     mass: float = field(positive("kg"))
-    inertia: tuple[float, ...] = field(rows(need="three or six numbers"))
+    inertia: tuple[float, ...] = field(rows(need="three or six numbers")._replace(row=True))
     center: Vector | None = field(vector("m"), default=None, none="absent")
     held: bool = field(flag(), default=False)
 

@@ -95,6 +95,17 @@ def _pushing(scene: Scene) -> str:
     return next((f"string '{name}' is damped and not clipped" for name in names), "")
 
 
+def _dry(scene: Scene) -> str:
+    resistance, bodies = scene.resistance, [body for body in scene.structure.bodies if not body.held]
+    fluids = ["water (no buoyancy, no drag)"] if scene.water is not None else []
+    if resistance is not None and (resistance.viscous or resistance.drag is not None):
+        fluids.append("resistance (viscous, drag)")
+    if not bodies or not fluids:
+        return ""
+    more = f" and {len(bodies) - 1} more" if len(bodies) > 1 else ""
+    return f"body '{bodies[0].name}'{more} feel{'' if more else 's'} nothing of the scene's {' and '.join(fluids)}"
+
+
 def _first(words: str, members: str, has: Callable[[Any], Any] = lambda one: True) -> Trait:
     """Scenes one of whose members, such as "structure.rods", has something; the first fills the braces of the words."""
     of = attrgetter(members)
@@ -109,12 +120,13 @@ ELASTIC_HELD_BETWEEN = _first(
     lambda rod: rod.stiffness is not None and rod.support.directions and rod.support.sigma % 1,
 )
 BODIES = _first("'{0.name}' is a body (structure.bodies)", "structure.bodies")
+DRY_BODIES = Trait(_dry)  # bodies in a fluid, which they do not feel
 CLASS_K = Trait(lambda scene: _joined(scene.structure))  # rods that share nodes
 CLOSED_LOOPS = Trait(_closed)
 MOVED_SUPPORTS = _first("support '{0.support}' moves (scene.motions)", "motions")
 BREAKS = _first("string '{0.string}' breaks (scene.breaks)", "breaks")
-ADDED_MASS = _first("{0.label} adds mass to rods", "effects", lambda one: one.adds_mass)
-UNEVEN_MASS = _first("the mass that {0.label} adds is not symmetric", "effects", lambda one: not one.symmetric)
+ADDED_MASS = _first("{0.label} adds mass to rods", "adding_mass")
+UNEVEN_MASS = _first("the mass that {0.label} adds is not symmetric", "adding_mass", lambda one: not one.symmetric)
 CONSTRAINTS = _first("constraint '{0.name}' holds nodes", "structure.constraints")
 ELEMENTS = _first("{0.label} acts on nodes", "effects", lambda one: one.label != "loads")
 NO_ARRAYS = _first("{0.label} has no array function (arrays)", "effects", lambda one: not one.arrays)

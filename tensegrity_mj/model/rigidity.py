@@ -168,28 +168,6 @@ def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> 
     return free_motions(structure, positions).T @ _string_forces(structure, positions)
 
 
-def equilibrium_residual(
-    structure: Structure,
-    nodes: ArrayLike | None,
-    force_densities: ArrayLike,
-    gravity: ArrayLike | None = None,
-    loads: ArrayLike | None = None,
-) -> Array:
-    """(q,) [N]: the forces that are left on the free coordinates; zero in equilibrium.
-
-    Args:
-        nodes: (N, 3) [m]; None for the reference.
-        force_densities: u (M,) [N/m].
-        gravity: (3,) [m/s²]; a rod's weight acts half at each of its nodes.
-        loads: (N, 3) [N].
-    """
-    positions = nodes_of(structure, nodes)
-    u = _per_string(structure, force_densities)
-    forces = _string_forces(structure, positions) @ u + loads_on(structure, gravity, loads).ravel()
-    residual: Array = free_motions(structure, positions).T @ forces
-    return residual
-
-
 def static_forces(
     structure: Structure,
     force_densities: ArrayLike,
@@ -197,7 +175,14 @@ def static_forces(
     gravity: ArrayLike | None = None,
     loads: ArrayLike | None = None,
 ) -> StaticForces:
-    """Rod forces and support reactions in an equilibrium; arguments as `equilibrium_residual`."""
+    """Rod forces and support reactions in an equilibrium.
+
+    Args:
+        force_densities: u (M,) [N/m].
+        nodes: (N, 3) [m]; None for the reference.
+        gravity: (3,) [m/s²]; a rod's weight acts half at each of its nodes.
+        loads: (N, 3) [N].
+    """
     positions = nodes_of(structure, nodes)
     u = _per_string(structure, force_densities)
     forces = (_string_forces(structure, positions) @ u).reshape(-1, 3) + loads_on(structure, gravity, loads)
@@ -238,7 +223,7 @@ def equilibrium_force_densities(
     """Force densities u >= 0 that come closest to equilibrium (non-negative least squares).
 
     Without gravity and loads that is u = 0: every configuration is an equilibrium of slack strings, and only
-    the number of self-stress modes says more. Arguments as `equilibrium_residual`.
+    the number of self-stress modes says more. Arguments as `static_forces`.
     """
     positions = nodes_of(structure, nodes)
     matrix, external = equilibrium_equations(structure, positions, free_motions(structure, positions), gravity, loads)

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
+from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
 NONE = (0.0, 0.0, 0.0)
@@ -43,6 +45,21 @@ def mass_products(mass: Any, lumps: Any = NONE) -> tuple[Any, Any, Any]:
     """∫ (1 - s)² dm, ∫ s² dm and ∫ s (1 - s) dm [kg]: the masses of the ends in ½ (a v_i² + b v_j² + 2 c v_i·v_j)."""
     total, first, second = lumps
     return mass / 3 + (total - 2 * first + second), mass / 3 + second, mass / 6 + (first - second)
+
+
+def rod_number(structure: Structure, rod: str | None) -> int:
+    """The number of the rod of a name; the first by default.
+
+    Raises:
+        OptionError: if there is none.
+    """
+    names = [one.name for one in structure.rods]
+    if not names:
+        raise OptionError(f"structure '{structure.name}' has no rods; plot_errors shows its point masses")
+    if rod is None:
+        return 0
+    check_known(f"structure '{structure.name}'", rod, names, "rod")
+    return names.index(rod)
 
 
 def own_masses(structure: Structure) -> Array:

@@ -152,6 +152,11 @@ class Scene:
         own = (ElasticRods(),) if self.structure.elastic.any() else ()
         return (*loads, *resistance, *nodal, *(() if self.water is None else (self.water,)), *self.elements, *own)
 
+    @property
+    def adding_mass(self) -> tuple[Element, ...]:
+        """The effects that add mass to rods: none without rods, and none of water whose added_mass is 0."""
+        return tuple(one for one in self.effects if one.adds_mass_to(self))
+
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""
         if callable(self.loads):

@@ -20,7 +20,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.rods import directions, support_points
+from tensegrity_mj.model.rods import directions, rod_number, support_points
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.curves import WIDTH, largest
 from tensegrity_mj.pictures.figure import (
@@ -47,7 +47,6 @@ from tensegrity_mj.pictures.run_panels import (
     listed,
     multipliers,
     over_time,
-    rod_index,
     rows_of_panels,
     target_nodes,
     tensions,
@@ -127,7 +126,7 @@ def plot_coordinates(
     """
 
     def coordinates(panel: Axes, run: Trajectory) -> None:
-        which, rods = rod_index(run, rod), run.scene.structure.rods
+        which, rods = rod_number(run.scene.structure, rod), run.scene.structure.rods
         b = directions(run.scene.structure, run.nodes)[:, which]
         aim = target_nodes(run)
         for axis, name in enumerate("xyz"):
@@ -142,9 +141,10 @@ def plot_coordinates(
         of_which = f" of rod {figure_text(rods[which].name)}" if len(rods) > 1 else ""
         over_time(panel, f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
 
-    return _in_rows(
-        runs, path, coordinates, controls, lambda panel, run: multipliers(panel, run, [rod_index(run, rod)])
-    )
+    def multiplier(panel: Axes, run: Trajectory) -> None:
+        multipliers(panel, run, [rod_number(run.scene.structure, rod)])
+
+    return _in_rows(runs, path, coordinates, controls, multiplier)
 
 
 def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:

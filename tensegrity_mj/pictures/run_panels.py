@@ -156,17 +156,6 @@ def listed(runs: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
     return found
 
 
-def rod_index(run: Trajectory, rod: str | None) -> int:
-    names = [r.name for r in run.scene.structure.rods]
-    if not names:
-        raise OptionError(f"scene '{run.scene.name}' has no rods; plot_errors shows its point masses")
-    if rod is None:
-        return 0
-    if rod not in names:
-        raise OptionError(f"rod={rod!r}: scene '{run.scene.name}' has no such rod; its rods are {', '.join(names)}")
-    return names.index(rod)
-
-
 def target_nodes(run: Trajectory) -> Array | None:
     """Target node positions (T, N, 3) [m] at the run's times, or None."""
     from tensegrity_mj.dynamics.target import target_positions

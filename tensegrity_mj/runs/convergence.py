@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -248,7 +249,4 @@ def observed_order(fall: float, ratio_before: float, ratio: float, order: int) -
         return 0.0
     if fall >= predicted(high):
         return high
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if predicted(middle) < fall else (low, middle)
-    return low
+    return bisect(lambda p: predicted(p) < fall, low, high)[0]

@@ -80,8 +80,3 @@ def deformation(run: Trajectory, groups: Sequence[Sequence[int]] | None = None) 
     """
     chosen = interconnections(run.scene.structure) if groups is None else groups
     return distances_from_line(centres(run.nodes, chosen))
-
-
-def rod_forces(run: Trajectory) -> Array:
-    """(T, R) [N]: internal forces of rods, below zero where they are compressed."""
-    return run.rod_forces

@@ -48,10 +48,10 @@ class FlowNumbers:
     notes: tuple[str, ...]
 
     def report(self) -> dict[str, Any]:
-        """The largest Rn, the smallest and the largest KC (None without waves) and the notes, for JSON."""
+        """The largest Rn (None without rods), the least and the largest KC (None without waves) and notes, for JSON."""
         met = self.keulegan_carpenter[~np.isnan(self.keulegan_carpenter)]
         return {
-            "reynolds": float(self.reynolds.max(initial=0.0)),
+            "reynolds": float(self.reynolds.max()) if len(self.reynolds) else None,
             "keulegan_carpenter": [float(met.min()), float(met.max())] if len(met) else None,
             "notes": list(self.notes),
         }

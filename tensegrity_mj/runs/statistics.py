@@ -11,6 +11,7 @@ spectrum that is four standard deviations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -39,11 +40,13 @@ class Statistics:
     Attributes:
         quantity, unit: what the signals are.
         names: (K,) of strings, of rods, or of nodes (members, for loads of water) with their axis, such as "n1.x".
+            Strings with mass are there as wholes, and their parts come last.
         time: (T,) [s], two or more.
         values: (T, K).
         mean, deviation, least, greatest: (K,), the first two over time, also where samples are not even.
         significant: (K,) mean height of the highest third of waves; NaN where there is no whole one.
         period: (K,) [s] mean time between crossings of the mean upwards; NaN where there is no whole wave.
+        parts: how many of the signals are of parts of strings with mass.
     """
 
     quantity: str
@@ -57,16 +60,19 @@ class Statistics:
     greatest: Array
     significant: Array
     period: Array
+    parts: int = 0
 
     @classmethod
-    def of(cls, quantity: str, unit: str, names: tuple[str, ...], time: Array, values: Array) -> Statistics:
+    def of(
+        cls, quantity: str, unit: str, names: tuple[str, ...], time: Array, values: Array, parts: int = 0
+    ) -> Statistics:
         """The statistics of signals (T, K) at times (T,) [s]."""
         span = time[-1] - time[0]
         mean = np.trapezoid(values, time, axis=0) / span
         deviation = np.sqrt(np.trapezoid((values - mean) ** 2, time, axis=0) / span)
-        waves = np.array([_waves(time, signal) for signal in (values - mean).T]).reshape(-1, 2)
+        significant, period = np.array([_waves(time, signal) for signal in (values - mean).T]).reshape(-1, 2).T
         extremes = values.min(axis=0), values.max(axis=0)
-        return cls(quantity, unit, names, time, values, mean, deviation, *extremes, *waves.T)
+        return cls(quantity, unit, names, time, values, mean, deviation, *extremes, significant, period, parts)
 
     def cycles(self, name: str) -> Array:
         """(C, 3): range, mean and count (1 or 1/2) of each cycle of a signal, in the order in which they close.
@@ -97,8 +103,9 @@ class Statistics:
         return {name: row | {"cycles": float(self.cycles(name)[:, 2].sum())} for name, row in rows.items()}
 
     def lines(self) -> list[tuple[str, str]]:
-        """Name and words of those signals whose greatest magnitude is largest."""
-        largest = np.argsort(-np.maximum(np.abs(self.least), np.abs(self.greatest)), kind="stable")[:MOST_SHOWN]
+        """Name and words of those signals whose greatest magnitude is largest, those of parts after all others."""
+        is_part = np.arange(len(self.names)) >= len(self.names) - self.parts
+        largest = np.lexsort((-np.maximum(np.abs(self.least), np.abs(self.greatest)), is_part))[:MOST_SHOWN]
         return [(self.names[k], self._words(k)) for k in largest.tolist()]
 
     def _words(self, k: int) -> str:
@@ -112,7 +119,8 @@ class Statistics:
         )
 
     def __repr__(self) -> str:
-        head = f"{self.quantity} of {len(self.names)}, {self.time[0]:g} to {self.time[-1]:g} s"
+        parts = f" and {self.parts} parts" if self.parts else ""
+        head = f"{self.quantity} of {len(self.names) - self.parts}{parts}, {self.time[0]:g} to {self.time[-1]:g} s"
         return "\n".join([head, *(f"{name}: {words}" for name, words in self.lines())])
 
 
@@ -133,16 +141,35 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     kept, labels = run.time >= after, labels_of(run.scene)
     if kept.sum() < 2:
         raise OptionError(f"statistics: after = {after!r} s leaves {kept.sum()} samples of the run; two are needed")
-    if quantity == "tension":
-        names, values = labels["string"], run.tensions
-    elif quantity == "rod_force":
-        names, values = labels["rod"], run.rod_forces
+    of, parts = OF_WATER.get(quantity), 0
+    if quantity in ("tension", "rod_force"):
+        members = labels["string" if quantity == "tension" else "rod"]
+        found = (run.tensions if quantity == "tension" else run.rod_forces)[..., None]
     else:
-        of = OF_WATER.get(quantity)
-        names = tuple(f"{member}.{axis}" for member in labels[of or "node"] for axis in AXES)
+        members = labels[of or "node"]
         found = run.water_loads(of) if of else run.nodes if quantity == "position" else run.velocities
-        values = found.reshape(len(run.time), -1)
-    return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values[kept])
+    if run.scene.structure.ropes and (quantity == "tension" or of == "string"):
+        members, found, parts = _as_given(run, members, found, quantity == "tension")
+    axes = [""] if found.shape[-1] == 1 else [f".{axis}" for axis in AXES]
+    names = tuple(f"{member}{axis}" for member in members for axis in axes)
+    values = found.reshape(len(run.time), -1)[kept]
+    return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values, parts * len(axes))
+
+
+def _as_given(
+    run: Trajectory, names: Sequence[str], values: Array, is_mean: bool
+) -> tuple[tuple[str, ...], Array, int]:
+    """Of strings by their names and values (T, M, k): those that were given, then the parts of those with mass.
+
+    A whole has the mean of its parts by their shares, or else their sum. Returns how many parts there are, too.
+    """
+    parts = [part.name for rope in run.scene.structure.ropes for part in rope.parts]
+    given = [string.name for string in run.scene.structure.given.strings]
+    weights = np.zeros((len(given) + len(parts), len(names)))
+    for row, name in enumerate((*given, *parts)):
+        own, shares = run.parts_of(name)
+        weights[row, own] = shares if is_mean else 1.0
+    return (*given, *parts), np.einsum("gm,tmk->tgk", weights, values), len(parts)
 
 
 def _waves(time: Array, signal: Array) -> tuple[float, float]:

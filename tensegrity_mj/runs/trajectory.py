@@ -158,16 +158,16 @@ class Trajectory:
 
     def tension(self, string: str) -> Array:
         """(T,) [N] of a string by its name, of one with mass the mean along it; OptionError where there is none."""
-        rows, shares = self._parts(string)
+        rows, shares = self.parts_of(string)
         return np.asarray(self.tensions[:, rows] @ shares)
 
     def rest_length(self, string: str) -> Array:
         """(T,) [m] of a string by its name, of one with mass the whole; OptionError where there is none."""
-        return np.asarray(self.rest_lengths[:, self._parts(string)[0]].sum(axis=1))
+        return np.asarray(self.rest_lengths[:, self.parts_of(string)[0]].sum(axis=1))
 
     def length(self, string: str) -> Array:
         """(T,) [m] of a string by its name, of one with mass along its parts; OptionError where there is none."""
-        return np.asarray(self.scene.structure.string_lengths(self.nodes)[:, self._parts(string)[0]].sum(axis=1))
+        return np.asarray(self.scene.structure.string_lengths(self.nodes)[:, self.parts_of(string)[0]].sum(axis=1))
 
     @property
     def rod_forces(self) -> Array:
@@ -186,7 +186,7 @@ class Trajectory:
 
     def water_load(self, member: str, of: str = "rod") -> Array:
         """(T, 3) [N] on a rod or a string by its name, the whole of one with mass; OptionError where there is none."""
-        rows = self._parts(member)[0] if of == "string" else [self._number("rod", member)]
+        rows = self.parts_of(member)[0] if of == "string" else [self._number("rod", member)]
         return np.asarray(self.water_loads(of)[:, rows].sum(axis=1))
 
     def statistics(self, quantity: str = "tension", after: float = 0.0) -> Statistics:
@@ -195,7 +195,7 @@ class Trajectory:
 
         return statistics(self, quantity, after)
 
-    def _parts(self, string: str) -> tuple[list[int], Array]:
+    def parts_of(self, string: str) -> tuple[list[int], Array]:
         """The rows of what a string is made of, itself alone unless it has mass, and what part of it each is."""
         rope = next((one for one in self.scene.structure.ropes if one.string.name == string), None)
         if rope is None:

@@ -27,10 +27,7 @@ ABSENT = {"rod": "rods", "string": "string_diameter in its water, by which strin
 
 def loaded_by_water(scene: Scene) -> tuple[str, ...]:
     """The kinds of members that the water of a scene loads: "rod", "string", both, or none without water."""
-    if scene.water is None:
-        return ()
-    rods = ("rod",) if scene.structure.rods else ()
-    return rods if scene.water.string_diameter is None else (*rods, "string")
+    return () if scene.water is None else scene.water_segments.kinds
 
 
 def water_loads(run: Trajectory, of: str = "rod") -> Array:

@@ -21,7 +21,7 @@ def require_held(model: StaticModel, parameter: float) -> None:
         return
     scene = model.scene
     remedy = "take gravity out (gravity = (0, 0, 0), --no-gravity) to see it as it falls freely"
-    if scene.water is not None:
+    if scene.water is not None and scene.structure.rods:
         remedy = (
             "buoyancy is that of the start, wherever it would float, so take gravity out, and buoyancy with it "
             "(gravity = (0, 0, 0), --no-gravity)"

@@ -6,18 +6,20 @@ at first, d what the holds move by, and s the parameter of a path.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import check_known, real_array
+from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
@@ -26,47 +28,32 @@ Matrix: TypeAlias = Array | sparse.csr_array
 
 SMALL = 240  # coordinates 3N up to which matrices are dense
 RANK = 1e-10  # of a block's largest singular value: rows below it say what others say already
+NODES = kinds.names("node")
 
 
-@dataclass(frozen=True)
+@value("hold", OptionError)
 class Hold:
     """Nodes that a study holds where they are, or moves.
 
     Attributes:
-        nodes: names.
+        nodes: names, or one.
         directions: (r, 3) of which components of their displacement are held; None for all.
         displacement: [m] what they are moved by, once the path's parameter is 1. Its part along the held directions
             counts; a part outside them is refused.
     """
 
-    nodes: tuple[str, ...]
-    directions: tuple[Vector, ...] | None = None
-    displacement: Vector = (0.0, 0.0, 0.0)
+    nodes: Sequence[str] = field(NODES._replace(plain=lambda of: NODES.plain([of] if isinstance(of, str) else of)))
+    directions: Sequence[Vector] | None = field(kinds.many(kinds.direction(), ""), default=None, none="None for all")
+    displacement: Vector = field(kinds.vector(), default=(0.0, 0.0, 0.0))
 
-    def __post_init__(self) -> None:
-        named: Any = self.nodes
-        names = tuple(named) if isinstance(named, Iterable) and not isinstance(named, str) else (named,)
-        if not names or not all(isinstance(name, str) for name in names):
-            raise OptionError(f"hold: nodes = {self.nodes!r}; name one node or more")
-        object.__setattr__(self, "nodes", names)
-        moved = real_array("hold: displacement", self.displacement, (3,), "m", scalar=False)
-        object.__setattr__(self, "displacement", tuple(float(x) for x in moved))
-        if self.directions is None:
-            return
-        given: ArrayLike = self.directions
-        try:
-            rows = np.atleast_2d(np.asarray(given, float))
-        except (TypeError, ValueError):
-            rows = np.zeros((0, 3))
-        sizes = np.linalg.norm(rows, axis=-1)
-        if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or not np.all((sizes > 0) & np.isfinite(sizes)):
-            raise OptionError(f"hold: directions = {given!r}; they must be vectors of three numbers, none of them zero")
-        object.__setattr__(self, "directions", tuple((float(a), float(b), float(c)) for a, b, c in rows))
-        if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * max(
-            float(np.linalg.norm(moved)), 1e-300
-        ):
+    def __attrs_post_init__(self) -> None:
+        for what in ("nodes", "directions"):
+            if getattr(self, what) == ():
+                raise refused(self, f"{what} = (); give one or more")
+        moved = np.array(self.displacement)
+        if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * np.linalg.norm(moved):
             raise OptionError(
-                f"hold of {', '.join(names)}: displacement = {self.displacement} m is not along its directions "
+                f"hold of {', '.join(self.nodes)}: displacement = {self.displacement} m is not along its directions "
                 f"{self.directions}; add the direction that it moves in"
             )
 

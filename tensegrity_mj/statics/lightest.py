@@ -73,95 +73,17 @@ class MinimalMass:
     most_programs: int = 4000
 
     def __call__(self) -> Sizing:
-        instance("structure", self.structure, Structure, "it must be a Structure")
-        tolerance = positive("tolerance", self.tolerance)
-        most = whole("most_programs", self.most_programs, 1)
-        _check_supports(self.structure)
-        forces = _load_cases(self.structure, self.loads)
-        R, M = len(self.structure.rods), len(self.structure.strings)
-        stuff = (_materials("rods", self.rods, R), _materials("strings", self.strings, M))
-        density = real_array("least_force_density", self.least_force_density, (M,), "N/m")
-        radius = real_array("least_radius", self.least_radius, (R + M,), "m")
-        for what, least in (("least_force_density", density), ("least_radius", radius)):
-            if np.any(least < 0):
-                raise OptionError(f"{what} = {float(least.min())!r}; it must be >= 0")
-        down = np.zeros(3) if self.gravity is None else real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
-        task = _Task(self.structure, stuff, forces, density, radius, down, tuple(self.holds))
-        return task.solve(tolerance, most)
-
-
-minimal_mass = function_of(MinimalMass)
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """The task, in SI units, and how it becomes a `Problem` of numbers of the order of one."""
-
-    structure: Structure
-    materials: tuple[tuple[Material, ...], tuple[Material, ...]]
-    loads: Array
-    least_force_density: Array
-    least_radius: Array
-    gravity: Array
-    holds: tuple[Hold, ...]
-
-    @cached_property
-    def lengths(self) -> tuple[Array, Array]:
         structure = self.structure
-        return structure.rod_lengths, structure.string_lengths(structure.positions)
-
-    @cached_property
-    def pulls(self) -> tuple[Array, Array]:
-        """Forces on the nodes (3N, R) and (3N, M) of unit forces in members: each end is pulled to the other."""
-        nodes, paths = self.structure.positions, self.structure.paths
-        rods, segments = (
-            nodal_forces(pairs, members_at(pairs, nodes).directions, len(nodes))
-            for pairs in (self.structure.rod_nodes, paths.nodes)
-        )
-        return rods, paths.total(segments)
-
-    @cached_property
-    def weights(self) -> Array:
-        """Forces on the nodes (3N, R) of unit masses of the rods."""
-        shares = np.zeros((len(self.structure.nodes), len(self.structure.rods)))
-        for column, pair in enumerate(self.structure.rod_nodes):
-            shares[pair, column] += 0.5
-        return (shares[:, None, :] * self.gravity[:, None]).reshape(3 * len(shares), shares.shape[1])
-
-    @cached_property
-    def external(self) -> Array:
-        """Loads and weights of point masses and of what rods carry (K, 3N)."""
-        forces = self.loads.copy()
-        for point in self.structure.point_masses:
-            forces[:, self.structure.node_index[point.node]] += point.mass * self.gravity
-        for rod, pair in zip(self.structure.rods, self.structure.rod_nodes, strict=True):
-            for lump in rod.masses:
-                forces[:, pair] += lump.mass * np.outer((1 - lump.at, lump.at), self.gravity)
-        return forces.reshape(len(forces), -1)
-
-    @cached_property
-    def rates(self) -> tuple[Array, Array, Array]:
-        """a_b (R,) and a_s (M,) [kg/N] of yield, c (R,) [kg/√N] of buckling."""
-        rods, strings = self.materials
-        (ell, length) = self.lengths
-        a_b = ell * np.array([m.density / m.yield_stress for m in rods])
-        a_s = length * np.array([m.density / m.yield_stress for m in strings])
-        c = 2.0 * ell**2 * np.array([m.density / np.sqrt(np.pi * m.elasticity_modulus) for m in rods])
-        return a_b, a_s, c
-
-    @cached_property
-    def least_masses(self) -> Array:
-        """(R + M,) [kg]."""
-        density = np.array([m.density for part in self.materials for m in part])
-        return np.asarray(density * np.concatenate(self.lengths) * np.pi * self.least_radius**2)
-
-    def solve(self, tolerance: float, most_programs: int) -> Sizing:
-        structure, R = self.structure, len(self.structure.rods)
+        instance("structure", structure, Structure, "it must be a Structure")
+        tolerance = positive("tolerance", self.tolerance)
+        most_programs = whole("most_programs", self.most_programs, 1)
+        _check_supports(structure)
+        R, M = len(structure.rods), len(structure.strings)
         Z = Boundary.of(structure, self.holds).Z
         bars, cords = (np.asarray(Z.T @ part) for part in self.pulls)
         weights, external = np.asarray(Z.T @ self.weights), np.asarray(self.external @ Z)
         a_b, a_s, c = self.rates
-        least_tension = self.least_force_density * self.lengths[1]
+        least_tension = _least("least_force_density", self.least_force_density, M, "N/m") * self.lengths[1]
         # Units in which the numbers are of the order of one.
         own = np.abs(weights) @ self.least_masses[:R]
         # A column under its own weight alone, M = c √(M g / 2), carries about (c g)².
@@ -192,6 +114,68 @@ class _Task:
         if found is None:
             raise InfeasibleError(self._why_not(problem, force))
         return self._result(problem, found, force, mass, tolerance)
+
+    @cached_property
+    def materials(self) -> tuple[tuple[Material, ...], tuple[Material, ...]]:
+        """Of each rod and of each string."""
+        R, M = len(self.structure.rods), len(self.structure.strings)
+        return _materials("rods", self.rods, R), _materials("strings", self.strings, M)
+
+    @cached_property
+    def down(self) -> Array:
+        """(3,) [m/s²]."""
+        return real_array("gravity", np.zeros(3) if self.gravity is None else self.gravity, (3,), "m/s²", scalar=False)
+
+    @cached_property
+    def lengths(self) -> tuple[Array, Array]:
+        structure = self.structure
+        return structure.rod_lengths, structure.string_lengths(structure.positions)
+
+    @cached_property
+    def pulls(self) -> tuple[Array, Array]:
+        """Forces on the nodes (3N, R) and (3N, M) of unit forces in members: each end is pulled to the other."""
+        nodes, paths = self.structure.positions, self.structure.paths
+        rods, segments = (
+            nodal_forces(pairs, members_at(pairs, nodes).directions, len(nodes))
+            for pairs in (self.structure.rod_nodes, paths.nodes)
+        )
+        return rods, paths.total(segments)
+
+    @cached_property
+    def weights(self) -> Array:
+        """Forces on the nodes (3N, R) of unit masses of the rods."""
+        shares = np.zeros((len(self.structure.nodes), len(self.structure.rods)))
+        for column, pair in enumerate(self.structure.rod_nodes):
+            shares[pair, column] += 0.5
+        return (shares[:, None, :] * self.down[:, None]).reshape(3 * len(shares), shares.shape[1])
+
+    @cached_property
+    def external(self) -> Array:
+        """Loads and weights of point masses and of what rods carry (K, 3N)."""
+        forces = _load_cases(self.structure, self.loads)
+        for point in self.structure.point_masses:
+            forces[:, self.structure.node_index[point.node]] += point.mass * self.down
+        for rod, pair in zip(self.structure.rods, self.structure.rod_nodes, strict=True):
+            for lump in rod.masses:
+                forces[:, pair] += lump.mass * np.outer((1 - lump.at, lump.at), self.down)
+        return forces.reshape(len(forces), -1)
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array, Array]:
+        """a_b (R,) and a_s (M,) [kg/N] of yield, c (R,) [kg/√N] of buckling."""
+        rods, strings = self.materials
+        (ell, length) = self.lengths
+        a_b = ell * np.array([m.density / m.yield_stress for m in rods])
+        a_s = length * np.array([m.density / m.yield_stress for m in strings])
+        c = 2.0 * ell**2 * np.array([m.density / np.sqrt(np.pi * m.elasticity_modulus) for m in rods])
+        return a_b, a_s, c
+
+    @cached_property
+    def least_masses(self) -> Array:
+        """(R + M,) [kg]."""
+        density = np.array([m.density for part in self.materials for m in part])
+        radius = _least("least_radius", self.least_radius, len(density), "m")
+        return np.asarray(density * np.concatenate(self.lengths) * np.pi * radius**2)
 
     def _independent(self, matrix: Array) -> NDArray[np.int64]:
         """Rows of the equations that do not follow from others, whose round-off could contradict them."""
@@ -256,6 +240,9 @@ class _Task:
             f"{name}: no masses of the rods bear their own weight with these materials, or nothing holds their weight; "
             "add supports, or choose stronger materials"
         )
+
+
+minimal_mass = function_of(MinimalMass)
 
 
 def _polished(problem: Problem, found: Optimum) -> tuple[Array, Array, Array]:
@@ -324,6 +311,13 @@ def _load_cases(structure: Structure, loads: ArrayLike | None) -> Array:
     if cases.ndim == 3 and len(cases):
         return np.array(real_array("loads", loads, (len(cases), count, 3), "N", scalar=False))
     return np.array(real_array("loads", loads, (count, 3), "N", scalar=False))[None]
+
+
+def _least(what: str, given: ArrayLike, size: int, unit: str) -> Array:
+    least = real_array(what, given, (size,), unit)
+    if np.any(least < 0):
+        raise OptionError(f"{what} = {float(least.min())!r}; it must be >= 0")
+    return least
 
 
 def _materials(what: str, given: Material | Sequence[Material], size: int) -> tuple[Material, ...]:

@@ -71,7 +71,7 @@ def self_stress(
     gravity: ArrayLike | None = None,
     loads: ArrayLike | None = None,
 ) -> SelfStress:
-    """Self-stress modes and mechanisms, by the singular values of A; arguments as `equilibrium_residual`."""
+    """Self-stress modes and mechanisms, by the singular values of A; arguments as `static_forces`."""
     positions = nodes_of(structure, nodes)
     motions = free_motions(structure, positions)
     matrix, external = equilibrium_equations(structure, positions, motions, gravity, loads)
@@ -101,7 +101,7 @@ def prestress(
 
     Of all such states it is the one of the smallest sum of u². That one is unique: a symmetric structure gets a
     symmetric prestress, and moving the whole changes nothing. All of it holds to round-off. `slack` names strings;
-    the other arguments are as in `equilibrium_residual`.
+    the other arguments are as in `static_forces`.
 
     Raises:
         InfeasibleError: if there is none; it says which strings cannot be in tension, and why.

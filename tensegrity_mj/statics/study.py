@@ -342,7 +342,7 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
     varying = callable(scene.loads) or any(load.angular_frequency for load in scene.loads)
     others = (one for one in scene.effects if one.work is not Work.STORED and one.label != "loads")
     pushing = [one.label for one in others if np.any(forces_of([one], scene, 0.0, model.start, still))]
-    wet = any(one.adds_mass for one in scene.effects)
+    wet = bool(scene.adding_mass)
     notes = {
         "the control law is left out: strings have their own rest lengths": scene.control is not None,
         "contact is left out": scene.contact is not None,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -144,40 +143,3 @@ class Draw:
         """One draw, as points hold it."""
         value = self.distribution.sample(generator)
         return encoded(Scaled(value)) if self.scaled else encoded(value)
-
-
-@value()
-class Grid:
-    """Every combination of the axes, the last fastest, each with every sample of the draws.
-
-    Sample j of a seed is the same at every combination, and whatever the number of samples: combinations are compared
-    under equal conditions, and a larger study contains the smaller one.
-    """
-
-    axes: Sequence[Vary | Together] = field(None, default=())
-    draws: Sequence[Draw] = field(None, default=())
-    samples: int = field(None, default=1)
-    seed: int | None = field(None, default=None)
-    fixed: Mapping[str, Any] = field(None, factory=dict)
-
-    def points(self) -> Iterator[dict[str, Any]]:
-        """Path -> value, as points hold it."""
-        groups = [axis.axes for axis in self.axes]
-        rows = [list(zip(*(axis.values for axis in group), strict=True)) for group in groups]
-        names = [[axis.parameter for axis in group] for group in groups]
-        samples = [self.sample(number) for number in range(self.samples)]
-        fixed = {name: encoded(value) for name, value in self.fixed.items()}
-        for combination in itertools.product(*rows):
-            settings = dict(fixed)
-            for group, values in zip(names, combination, strict=True):
-                settings |= {name: encoded(value) for name, value in zip(group, values, strict=True)}
-            for sample in samples:
-                yield settings | sample
-
-    def sample(self, number: int) -> dict[str, Any]:
-        """The draws of one sample."""
-        if not self.draws:
-            return {}
-        assert self.seed is not None
-        generator = np.random.default_rng([self.seed, number])
-        return {draw.parameter: draw.sample(generator) for draw in self.draws}

@@ -15,7 +15,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, instance, member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw, native_law
-from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES, checked_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -23,7 +23,7 @@ from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import provenance_of, request_for
+from tensegrity_mj.simulation import provenance_of
 from tensegrity_mj.vibration.step_warnings import warn_before_run
 
 if TYPE_CHECKING:

@@ -108,23 +108,28 @@ def no_more(which: str | None, others: Sequence[str], path: str) -> None:
         raise OptionError(f"{path}: it has no parts '{which or others[0]}'; leave them out")
 
 
-def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -> Vector:
+def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float] | None) -> Vector:
     """What a vector (3,) becomes: all of it, or the component `axis`, set to the value or scaled by it.
 
+    Other rows of numbers keep how many they have.
+
     Raises:
-        OptionError: for a value that is neither three finite numbers nor, of a component, one.
+        OptionError: for a value that is neither as many finite numbers nor, of a component, one; where there is nothing
+            that could be scaled, or have a component.
     """
-    row = [float(x) for x in now]
+    if now is None and (axis is not None or isinstance(value, Scaled)):
+        raise OptionError(f"{path} = {value}: it has no value of which this could be a part; give all of it")
+    row = [float(x) for x in now or (0.0, 0.0, 0.0)]
+    size = "three" if len(row) == 3 else str(len(row))
     if isinstance(value, Scaled):
         row = [value.of(x) if axis in (None, i) else x for i, x in enumerate(row)]
     elif axis is not None:
         row[axis] = finite(path, value)
-    elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
-        raise OptionError(f"{path} = {value!r}; it must be a list of three numbers, or add .x, .y or .z")
+    elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != len(row):
+        raise OptionError(f"{path} = {value!r}; it must be a list of {size} numbers, or add .x, .y or .z")
     else:
         row = [finite(path, x) for x in value]
-    x, y, z = row
-    return (x, y, z)
+    return tuple(row)  # type: ignore[return-value]
 
 
 def number_from(path: str, value: Any, now: Any) -> float:

@@ -15,6 +15,7 @@
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
     structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses; a stiffness
                                                          scales a tension curve, as .curve=*1.2 does
+    structure.bodies.inertia, .constraints.direction     rows of numbers; also with .x, .y, .z
     structure.nodes[NODE]                                reference positions; also with .x, .y, .z
     structure.string_law                                 clipped, unclipped
     plant....                                            as structure.... and scene...., but of what is simulated only:

@@ -147,9 +147,10 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
     keys = item_of(type(by_name[chosen[0]])).keys
-    inner = keys.get(others[0].partition("[")[0]) if len(others) > 1 else None
-    inside = inner is not None and inner.kind.part is not None
-    known = [key for key, one in keys.items() if one.kind.single or (key == "curve" and isinstance(value, Scaled))]
+    inner = keys.get(others[0].partition("[")[0]) if others else None
+    inside = inner is not None and (inner.kind.row or (inner.kind.part is not None and len(others) > 1))
+    plain = [key for key, one in keys.items() if one.kind.single or one.kind.row]
+    known = [*plain, *(["curve"] if "curve" in keys and isinstance(value, Scaled) else [])]
     if not inside and (len(others) != 1 or others[0] not in known):
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")

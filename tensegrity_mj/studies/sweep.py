@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
+
+import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, value
@@ -26,7 +28,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.attempt import WithFiles
-from tensegrity_mj.studies.axes import Axis, Choice, Draw, Grid, Together, Vary
+from tensegrity_mj.studies.axes import Axis, Choice, Draw, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_study
 from tensegrity_mj.studies.parameter_values import encoded
@@ -43,13 +45,16 @@ TRAJECTORY = "trajectory.nc"
 class Sweep:
     """Simulations of a scene, one for every combination of values and every draw.
 
+    Sample j of a seed is the same at every combination, and whatever the number of samples: combinations are compared
+    under equal conditions, and a larger study contains the smaller one.
+
     Attributes:
         scene: a scene, or the name or the path of one, or a family's call in a text, such as "tower(stages=10)": then
             `family.<argument>` is a parameter, and the family makes the scene anew for each value. Its loads must not
             be a Python function.
-        axes: `Vary` and `Together`; all combinations are run.
+        axes: `Vary` and `Together`; all combinations are run, the last axis fastest.
         draws: random parameters, drawn `samples` times at every combination.
-        samples, seed: see `Grid`; a seed is needed where something is drawn.
+        samples, seed: of the draws; a seed is needed where something is drawn.
         fixed: parameters with one value, path -> value.
         engine: an engine, MuJoCo() by default; the parameter `engine` chooses another with its own defaults.
         law: the scene's by default; the name of one, "module:name" or "path.py:name" of your own; a function of a
@@ -87,15 +92,30 @@ class Sweep:
         self._check()
 
     @property
-    def grid(self) -> Grid:
-        """The points."""
-        return Grid(self.axes, self.draws, self.samples, self.seed, self.fixed)
-
-    @property
     def parameters(self) -> list[str]:
         """The parameters that take several values, in order: those of the axes, then those drawn."""
         axes = [one for axis in self.axes for one in axis.axes]
         return [axis.parameter for axis in axes if len(axis.values) > 1] + [draw.parameter for draw in self.draws]
+
+    def points(self, samples: int | None = None) -> Iterator[dict[str, Any]]:
+        """Path -> value of each point, as points hold it; of so many samples, all of them by default."""
+        fixed = {name: encoded(value) for name, value in self.fixed.items()}
+        drawn = [self.sample(number) for number in range(self.samples if samples is None else samples)]
+        rows = [list(zip(*(one.values for one in axis.axes), strict=True)) for axis in self.axes]
+        names = [one.parameter for axis in self.axes for one in axis.axes]
+        for combination in itertools.product(*rows):
+            values = map(encoded, itertools.chain(*combination))
+            settings = fixed | dict(zip(names, values, strict=True))
+            for sample in drawn:
+                yield settings | sample
+
+    def sample(self, number: int) -> dict[str, Any]:
+        """The draws of one sample."""
+        if not self.draws:
+            return {}
+        assert self.seed is not None
+        generator = np.random.default_rng([self.seed, number])
+        return {draw.parameter: draw.sample(generator) for draw in self.draws}
 
     def common(self) -> dict[str, Any]:
         """What all points share, as plain values: everything that the task needs besides their parameters."""
@@ -127,7 +147,7 @@ class Sweep:
         """
         if self.keep_trajectories and folder is None:
             raise OptionError("Sweep: keep_trajectories needs a folder to keep them in")
-        points = [{"parameters": settings} for settings in self.grid.points()]
+        points = [{"parameters": settings} for settings in self.points()]
         label = f"sweep of {cast(Scene, self.scene).name}"
         how: RunOptions = {"workers": workers_for(self._law, workers), "progress": progress}
         return run_study(simulate_point, points, folder, label, how, self.common())
@@ -168,8 +188,7 @@ class Sweep:
             _once(draw.parameter, seen)
         for spec in [*([self._law] if self._law is not None else []), *self._own_laws.values()]:
             own_of(spec)
-        grid = self.grid
-        singles += grid.sample(0).items()
+        singles += self.sample(0).items()
         common = self.common()
         for path, setting in singles:
             try:
@@ -179,7 +198,7 @@ class Sweep:
             except TensegrityError:
                 pass
         tried: set[str] = set()
-        for settings in replace(grid, samples=1).points():
+        for settings in self.points(samples=1):
             how = {path: value for path, value in settings.items() if path.partition(".")[0] in ("engine", "actuation")}
             if how and canonical(how) not in tried:
                 tried.add(canonical(how))

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.runs.deformation import deformation, is_tower, rod_forces
+from tensegrity_mj.runs.deformation import deformation, is_tower
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.many import Study
@@ -61,7 +61,7 @@ def _bent(late: bool) -> Callable[[Trajectory], Any]:
 
 
 def _mean_rod_force(run: Trajectory) -> Any:
-    return np.mean(rod_forces(run)) if run.rod_force_densities.size else None
+    return np.mean(run.rod_forces) if run.rod_force_densities.size else None
 
 
 # Shown unless others are chosen.

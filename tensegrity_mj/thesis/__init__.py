@@ -2,8 +2,8 @@
 
 `experiments`, `series` and `beams` say what is run, the TOML files of `tables/` what the thesis states (a row each),
 `measures*` how it is measured, `panels`, `drawing` and `figures*` how its figures are drawn again. `runs` computes and
-keeps the runs, `ledger` judges, `page` and `reproduction` write the results; `disturbance` and `sensitivity` find which
-errors the rows notice.
+keeps the runs, `ledger` judges, `page` and `reproduction` write the results. A `disturbance` is an error that rows are
+to notice: scripts/sensitivity.py finds which do. scripts/reproduction.py writes docs/reproduction.md.
 """
 
 from typing import TYPE_CHECKING

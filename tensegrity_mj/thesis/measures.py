@@ -9,7 +9,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.controllers.landscape import angles
 from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import OptionError
@@ -40,16 +39,6 @@ def aims(run: Trajectory) -> Array:
     return target_nodes(run.scene.structure, run.scene.target, run.time)
 
 
-def rotation_errors(run: Trajectory) -> Array:
-    """‖e_b‖ (T, R)."""
-    return np.linalg.norm(directions(run) - directions(run, aims(run)), axis=-1)
-
-
-def translation_errors(run: Trajectory) -> Array:
-    """‖e_r‖ (T, R)."""
-    return np.linalg.norm(points(run) - points(run, aims(run)), axis=-1)
-
-
 def since(run: Trajectory, time: float, values: Array) -> Array:
     """The part of the values from a time on."""
     return values[run.time >= time - 1e-9]
@@ -73,18 +62,6 @@ def spread_of_active(run: Trajectory) -> float:
     low = np.where(u > ACTIVE, u, np.inf).min(axis=1)
     pulls = high > ACTIVE
     return float(np.max(1.0 - low[pulls] / high[pulls]))
-
-
-def largest_jump(run: Trajectory, start: float = 1.0) -> float:
-    """Largest change of a u between two samples from a time on, as a fraction of the largest u there."""
-    u = since(run, start, run.force_densities)
-    return float(np.abs(np.diff(u, axis=0)).max() / u.max())
-
-
-def switches(run: Trajectory, start: float = 1.0) -> int:
-    """How often a string begins or ceases to pull, as the samples show it."""
-    pulls = since(run, start, run.force_densities) > ACTIVE
-    return int(np.sum(pulls[1:] != pulls[:-1]))
 
 
 def time_below(run: Trajectory, part: float) -> float:
@@ -181,13 +158,6 @@ def time_off(run: Trajectory, bound: float, number: int, end: int) -> float:
     return found[number][end] if number < len(found) else math.nan
 
 
-def shape_equation(run: Trajectory) -> float:
-    """Largest residual of (4.15), as corrected, over ℓ², with h = 1 m and ℓ² = 2 m²."""
-    phi, inner = sector_angle(run), radii(run)[:, 0]
-    found = (1.0 + inner * (1.0 - np.cos(phi))) ** 2 + (inner * np.sin(phi)) ** 2
-    return float(np.abs(found / 2.0 - 1.0).max())
-
-
 def drawn(run: Trajectory, axis: int) -> Array:
     """(4, N) coordinates [m] of the nodes at the times of figure 4.8."""
     return np.array([at(run, time, run.nodes[..., axis]) for time in SNAPSHOTS])
@@ -251,29 +221,8 @@ def unbalanced(run: Trajectory) -> float:
 # ------------------------------------------------------------------------------------------------------- chapter 6
 
 
-def _scalars(run: Trajectory) -> tuple[Array, ...]:
+def scalars(run: Trajectory) -> tuple[Array, ...]:
     """b_dᵀb, b_dᵀḃ, ḃᵀḃ of the first rod, (T,) each."""
     b, rate = directions(run)[:, 0], directions(run, run.velocities)[:, 0]
     goal = directions(run, aims(run))[:, 0]
     return np.sum(goal * b, axis=1), np.sum(goal * rate, axis=1), np.sum(rate * rate, axis=1)
-
-
-def candidate_off(run: Trajectory, number: int) -> float:
-    """Largest difference of the printed V1, V2 or V3, (6.18) to (6.20), from the V that the law reports."""
-    aligned, along, square = _scalars(run)
-    if number == 1:
-        value = 1.0 - aligned - along + 0.75 * square
-    else:
-        mixed = along if number == 2 else aligned * along
-        value = 0.5 - 0.5 * aligned**2 - mixed + 0.75 * square
-    return float(np.abs(value - run.lyapunov).max())
-
-
-def candidate_in_angles_off(run: Trajectory, number: int) -> float:
-    """Largest difference of V_φ + V_θ, (6.21) to (6.23), from the V that the law reports."""
-    way = angles(run)
-    phi, rate = way.phi, way.phi_rate
-    first = 1.0 - np.cos(phi) if number == 1 else 0.5 * np.sin(phi) ** 2
-    mixed = rate * np.sin(phi) * (np.cos(phi) if number == 3 else 1.0)
-    turning = 0.75 * (np.sin(phi) * way.theta_rate) ** 2
-    return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())

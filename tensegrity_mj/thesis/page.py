@@ -1,4 +1,4 @@
-"""The ledger as an HTML page (self-contained), as JSON, and as the Markdown table of docs/reproduction.md."""
+"""The ledger as an HTML page (self-contained), and as JSON."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from tensegrity_mj.basics import texts
 from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.pictures.page import data_url, page_of, table_of
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
 from tensegrity_mj.thesis.ledger import Row, Verdict, value_text
 from tensegrity_mj.thesis.statement import Class
-from tensegrity_mj.thesis.tables import FOLDER, FORMULA, NOT_STUDIED, NOTHING, noticed
+from tensegrity_mj.thesis.tables import FOLDER, noticed
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
-CLASSES = ("class", "rows", "come out", "differ", "cannot be judged")  # heads of `_class_rows`
+CLASSES = ("class", "rows", "come out", "differ", "cannot be judged")  # heads of `class_rows`
 # Classes of the page's rows.
 KINDS = {
     Verdict.UNJUDGED: "open",
@@ -80,53 +79,7 @@ def row_data(row: Row) -> dict[str, Any]:
     }
 
 
-# ---------------------------------------------------------------------------------------------------------- Markdown
-
-
-def markdown(rows: Sequence[Row]) -> str:
-    """The text of docs/reproduction.md."""
-    lines = [
-        (FOLDER / "introduction.md").read_text(encoding="utf-8"),
-        f"**{summary(rows)}.**",
-        "",
-        *texts.markdown_table(CLASSES, _class_rows(rows)),
-        "",
-        _notices(rows),
-        "",
-    ]
-    for chapter in sorted({row.statement.chapter for row in rows}):
-        own = [row for row in rows if row.statement.chapter == chapter]
-        title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
-        columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
-        heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
-        lines += [f"## {title}", "", *texts.markdown_table(heads, [_cells(row, columns) for row in own])]
-        lines += _listed("Why rows differ, or cannot be judged:", {row.statement.id: row.cause for row in own})
-        chosen = "What was chosen so that rows come out, and where values are from that the thesis lacks:"
-        lines += [*_listed(chosen, {row.statement.id: row.statement.origin for row in own}), ""]
-    return "\n".join(lines)
-
-
-def _listed(head: str, texts_of: Mapping[str, str]) -> list[str]:
-    """Each text with the ids of all rows that have it, below a head; nothing where no row has one."""
-    lines = []
-    for text in dict.fromkeys(filter(None, texts_of.values())):
-        lines.append(f"- {', '.join(f'`{name}`' for name, own in texts_of.items() if own == text)}: {text}.")
-    return ["", head, "", *lines] if lines else []
-
-
-def _notices(rows: Sequence[Row]) -> str:
-    """How many numbers and statements notice an error."""
-    found = [noticed(row.statement) for row in rows if row.statement.kind.is_evidence and not row.statement.unjudged]
-    studied = [text for text in found if text not in (NOT_STUDIED, FORMULA)]
-    left = found.count(NOT_STUDIED)
-    return (
-        f"Of the {len(found)} numbers and statements that are judged, {len(studied)} were studied for errors: "
-        f"{studied.count(NOTHING)} notice none of up to 10 %. {found.count(FORMULA)} are formulas, of no run"
-        + (f"; {left} were not studied." if left else ".")
-    )
-
-
-def _class_rows(rows: Sequence[Row]) -> list[list[str]]:
+def class_rows(rows: Sequence[Row]) -> list[list[str]]:
     """Rows by class and verdict, under the heads `CLASSES`."""
     lines = []
     for name, found in counts_by_class(rows).items():
@@ -134,18 +87,6 @@ def _class_rows(rows: Sequence[Row]) -> list[list[str]]:
         values = (found["rows"], found[Verdict.REPRODUCED.value], differ, found[Verdict.UNJUDGED.value])
         lines.append([name, *map(str, values)])
     return lines
-
-
-def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
-    """One line of the table, with a column for each engine; for those that the row has by default."""
-    return texts.markdown_row(_cells(row, list(row.cells) if engines is None else engines))
-
-
-def _cells(row: Row, engines: Sequence[EngineName]) -> list[str]:
-    statement = row.statement
-    where = f"{statement.place}, p. {statement.page}"
-    head = [f"`{statement.id}`", statement.kind.value, where, statement.says, statement.stated]
-    return [*head, *value_texts(row, engines), row.verdict.value, noticed(statement)]
 
 
 def value_texts(row: Row, engines: Sequence[EngineName]) -> list[str]:
@@ -179,7 +120,7 @@ def html(
     parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
     if note:
         parts.append(f'<p class="note">{escape(note)}</p>')
-    parts += [f"<p>{escape(summary(rows))}.</p>", table_of(CLASSES, _class_rows(rows)), _ledger(rows, engines)]
+    parts += [f"<p>{escape(summary(rows))}.</p>", table_of(CLASSES, class_rows(rows)), _ledger(rows, engines)]
     if figures:
         parts.append("<h2>Figures</h2>")
     for figure, content in figures:

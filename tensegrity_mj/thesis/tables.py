@@ -24,7 +24,7 @@ from tensegrity_mj.thesis.lookup import all_measures
 from tensegrity_mj.thesis.statement import Statement
 
 FOLDER = Path(__file__).parent / "tables"
-SENSITIVITY = FOLDER / "sensitivity.json"  # which errors rows notice, made by `sensitivity`
+SENSITIVITY = FOLDER / "sensitivity.json"  # which errors rows notice, made by scripts/sensitivity.py
 FILES = ("chapter3", "chapter4", "chapter5", "chapter6", "chapter7", "appendix_c")
 
 NAMED = ("reason", "origin", "unjudged")  # texts that may stand under a name in the file's `[texts]`

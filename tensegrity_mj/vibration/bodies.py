@@ -122,12 +122,12 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     b = (nodes[second] - nodes[first]) / bodies.length[:, None]
     b = b / np.sqrt(np.sum(b * b, axis=1))[:, None]
     planar = np.any(bodies.planes != 0, axis=1)
-    one = _cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
+    one = np.cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
     one = one / np.sqrt(np.sum(one * one, axis=1))[:, None]
     T = np.zeros((B, 3, slots - 3))
     T[:R, :, 2:] = np.where(bodies.structure.elastic[:, None], b, 0.0)[:, :, None]
     T[:R, :, 0] = one
-    T[:R, :, 1] = np.where(planar[:, None], 0.0, _cross(b, one))
+    T[:R, :, 1] = np.where(planar[:, None], 0.0, np.cross(b, one))
 
     M = np.zeros((B, slots, slots))
     M[:, :3, :3] = bodies.mass[:, None, None] * np.eye(3)
@@ -149,8 +149,3 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     for number, frame in bodies.frames:
         turned[frame.rows] = frame.motions(nodes)[frame.rows] @ inverse[number]
     return Motion(b, T, inverse, turned)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of rows: numpy's own spends its time elsewhere."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.vibration.integrators import polynomial
 from tensegrity_mj.vibration.stepping import Scheme
@@ -116,9 +117,4 @@ def _roots(K: Array, D: Array) -> NDArray[np.complex128]:
 
 def _runge_kutta_step(root: complex) -> float:
     """The largest h with |R(h s)| <= 1, Re s <= 0."""
-    low, high = 0.0, OUTSIDE / abs(root)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        inside = abs(polynomial(middle * root)) <= 1 + 1e-9
-        low, high = (middle, high) if inside else (low, middle)
-    return low
+    return bisect(lambda h: abs(polynomial(h * root)) <= 1 + 1e-9, 0.0, OUTSIDE / abs(root))[0]

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.vibration.bounds import Bounds
 from tensegrity_mj.vibration.small_motions import Vibration
 from tensegrity_mj.vibration.stepping import Scheme
@@ -294,11 +295,7 @@ def _limit_with_law(model: Vibration, scheme: Scheme) -> tuple[float, Array]:
         low, h = h, h * GRID
     if math.isinf(high):
         return math.inf, np.zeros(model.size)
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _is_stable(model, scheme, middle, values) else (low, middle)
-        if high - low < 1e-9 * high:
-            break
+    low, high = bisect(lambda step: _is_stable(model, scheme, step, values), low, high, 1e-9 * high)
     found, shapes = np.linalg.eig(amplification_matrix(model, scheme, high))
     return low, _real_shape(shapes[: model.size, int(np.argmax(np.abs(found)))])
 

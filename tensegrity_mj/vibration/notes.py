@@ -36,10 +36,11 @@ def _of_surroundings(model: Vibration, stepping: Stepping) -> list[str]:
     if scene.resistance is not None and scene.resistance.drag is not None:
         notes.append("the damping of drag is not in the model: it matters where a fluid is fast")
     if scene.water is not None:
+        slower = "added mass makes motions slower, so that the limit is on the safe side of it, but "
+        surface = ", nor is the stiffness of buoyancy at the surface" if scene.structure.rods else ""
         notes.append(
-            "water is not in the model: added mass makes motions slower, so that the limit is on the safe side of it, "
-            "but the damping of drag, which matters where the water is fast, and the stiffness of buoyancy at the "
-            "surface are left out"
+            f"water is not in the model: {slower if scene.adding_mass else ''}the damping of drag, which matters where "
+            f"the water is fast, is not there{surface}"
         )
     if scene.elements:
         names = ", ".join(dict.fromkeys(element.label for element in scene.elements))

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.rods import centers_and_moments, own_masses
 from tensegrity_mj.vibration.bodies import SLOTS, motion_of_bodies
@@ -145,9 +146,7 @@ def tree_limit(tree: TreeModel) -> tuple[float, Array]:
         low, high = high, 2 * high
     else:
         return math.inf, np.zeros(len(tree.coordinates))
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if least(middle)[0] > 0 else (low, middle)
+    low, high = bisect(lambda step: least(step)[0] > 0, low, high)
     y = tree.coordinates @ np.linalg.solve(root.T, least(high)[1])
     size = float(np.linalg.norm(y))
     return low, np.asarray(y / size) if size > 0 else y

@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import shlex
 import signal
 import stat
@@ -456,6 +457,21 @@ def test_scenes_lists_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["scenes"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in found)
+    # A rod, a string with mass as one, bodies.
+    counted = {"pinned_rod": "1 rod, 3 strings", "massive_string": "1 string", "spine": "24 strings, 4 bodies"}
+    for name, words in counted.items():
+        assert re.search(rf"^  {name} +{words}  ", text, re.MULTILINE)
+    assert (found["massive_string"]["strings"], found["spine"]["bodies"]) == (1, 4)
+
+
+@pytest.mark.parametrize(("name", "rows"), [("spine", {"bodies": "4"}), ("massive_string", {"strings": "1"})])
+def test_scenes_counts_what_was_given(name: str, rows: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", name, "--no-timing"]) == 0
+    text = capsys.readouterr().out
+    for title, count in rows.items():
+        assert re.search(rf"^{title} +{count}$", text, re.MULTILINE)
+    assert "where free rods also spin" not in text
+    assert "rods:" not in text
 
 
 def test_scenes_describes_one(capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj import Integrator
 from tensegrity_mj.errors import ElementError
+from tensegrity_mj.library.fish_farm import fish_net
 from tensegrity_mj.model import Element
 
 pytest.importorskip("tensegrity_mj.dm_control")
@@ -100,3 +101,17 @@ def test_an_element_that_fails_later_names_itself_and_the_time() -> None:
     held = physics(tethered(elements=(Failing(0.01),)), 2e-3)
     with pytest.raises(ElementError, match=r"element Failing failed near t = 0.011 s.* shape \(1, 3\)"):
         held.step(20)
+
+
+def test_water_that_adds_no_mass_is_held_as_other_forces_are() -> None:
+    """Drag depends on velocities, which are those of the step's beginning: order 1 with RK4 (`HeldForces`)."""
+    scene = fish_net(rows=1, columns=2)
+    end = tmj.simulate(scene, engine=tmj.DAE(rtol=1e-11, atol=1e-13), duration=DURATION).nodes[-1]
+    errors = []
+    for step in (1e-3, 5e-4):
+        model = physics(scene, step)
+        for _ in range(round(DURATION / step)):
+            model.step()
+        errors.append(np.abs(model.nodes() - end).max())
+    assert errors[0] < 1e-3
+    assert 1.9 < errors[0] / errors[1] < 2.1

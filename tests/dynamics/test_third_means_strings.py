@@ -393,3 +393,46 @@ def test_arrays_of_any_order_mean_the_same(engine) -> None:
     )
     runs = [tmj.simulate(one, engine=engine, duration=0.2) for one in (scene, swapped)]
     assert np.array_equal(runs[0].nodes, runs[1].nodes)
+
+
+@pytest.mark.parametrize("engine", [*FINE, tmj.ODE(rtol=1e-12, atol=1e-13)], ids=["DAE", "MuJoCo", "ODE"])
+@pytest.mark.parametrize("usual", list(tmj.model.StringLaw), ids=lambda law: law.value)
+def test_clipped_and_unclipped_strings_in_one_structure(engine, usual) -> None:
+    """Masses of 1 kg on strings with critical dampers, s = (s₀ + (v₀ + ω s₀) t) e^(-ω t); nothing else acts.
+
+    One mass of either law is let go, and no damper pushes until t = 1/ω, where this ends. The others are thrown at
+    their anchors by ω s₀, so that s = s₀ e^(-ω t) under a pull of -k s: unclipped. Clipped, they fly at -ω s₀. No
+    string has a kink on the way, so that RK4 errs by (ω h)⁴ of it or less.
+    """
+    omega, stretch, laws = 10.0, 0.1, ("clipped", "unclipped")
+    cases = [(law, thrown) for law in laws for thrown in (False, True)]
+    nodes = {f"h{k}": (0.0, float(k), 0.0) for k in range(4)}
+    nodes |= {f"m{k}": (1.0 + stretch, float(k), 0.0) for k in range(4)}
+    strings = tuple(
+        tmj.String(
+            f"s{k}",
+            (f"h{k}", f"m{k}"),
+            omega**2,
+            2 * omega,
+            rest_length=1.0,
+            string_law=None if law == usual.value else law,
+        )
+        for k, (law, _) in enumerate(cases)
+    )
+    masses = tuple(tmj.PointMass(f"m{k}", 1.0) for k in range(4))
+    fixed = tuple(f"h{k}" for k in range(4))
+    structure = tmj.Structure("mixed", nodes, (), strings, fixed, masses, usual)
+    assert structure.clipped.tolist() == [True, True, False, False]
+    speeds = np.zeros((8, 3))
+    speeds[4:, 0] = [-omega * stretch * thrown for _, thrown in cases]
+    scene = tmj.Scene(structure, initial_velocities=speeds, duration=1 / omega)
+    run = tmj.simulate(scene, engine=engine, output_interval=1e-2)
+    t = run.time
+    fade = stretch * np.exp(-omega * t)
+    let_go = (1 + omega * t) * fade
+    s = np.stack([let_go, stretch - omega * stretch * t, let_go, fade], axis=1)
+    pulls = omega**2 * np.stack([(1 - omega * t) * fade, 0 * t, (1 - omega * t) * fade, -fade], axis=1)
+    assert np.abs(run.nodes[:, 4:, 0] - 1 - s).max() < CLOSE
+    # The stretch of the mass that flies ends at 0, where its string goes slack, which changes nothing.
+    assert np.abs(run.tensions - pulls).max() < omega**2 * 10 * CLOSE
+    assert run.tensions[:, 3].max() < -3.0  # the damper pushes all the way

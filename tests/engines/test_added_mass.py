@@ -6,6 +6,7 @@ joints, or with one matrix (3.17); the ODE in minimal coordinates; MuJoCo from i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines import Solver
+from tensegrity_mj.library.fish_farm import fish_net
 
 FINE = {"rtol": 1e-11, "atol": 1e-13}
 JOINTS, FULL = tmj.DAE(**FINE), tmj.DAE(solver=Solver.FULL, **FINE)
@@ -114,3 +116,68 @@ def test_what_cannot_be_says_why() -> None:
         tmj.simulate(chain(tmj.model.Weights.HERMITE), engine=JOINTS)
     with pytest.raises(tmj.errors.OptionError, match=r"Solver\.DENSE inverts a constant mass matrix"):
         tmj.simulate(chain(), engine=tmj.DAE(solver=Solver.DENSE))
+
+
+def unladen(scene: tmj.Scene) -> tmj.Scene:
+    """The same in water whose added_mass is 0."""
+    assert scene.water is not None
+    return scene.with_(water=replace(scene.water, added_mass=0.0))
+
+
+FREE_OF_MASS = {
+    "closed loop": (unladen(loop()), MUJOCO),
+    "Hermite's weights": (unladen(chain(tmj.model.Weights.HERMITE)), JOINTS),
+    "DENSE": (unladen(chain()), tmj.DAE(solver=Solver.DENSE, **FINE)),
+}
+
+
+@pytest.mark.parametrize("name", FREE_OF_MASS)
+def test_what_added_mass_alone_excludes_runs_without_it(name: str) -> None:
+    scene, engine = FREE_OF_MASS[name]
+    assert not scene.adding_mass
+    reference, run = (tmj.simulate(scene, engine=one, duration=0.5) for one in (FULL, engine))
+    # MuJoCo's gaps of joints are closed by order 2: 1.1e-9 m at 0.5 ms; the tolerances leave 3e-10 m.
+    assert tmj.compare(reference, run).max_node_error < 1e-8
+
+
+@pytest.mark.parametrize("integrator", [one for one in tmj.Integrator if one is not tmj.Integrator.RK4])
+@pytest.mark.parametrize("scene", [unladen(chain()), fish_net(rows=1, columns=2)], ids=["rods", "strings"])
+def test_without_added_mass_every_integrator_of_order_1_has_that_order(scene: tmj.Scene, integrator: Any) -> None:
+    """The error falls by 2 with the step, but for what its second order adds: a hundredth of it at these steps."""
+    reference = tmj.simulate(scene, engine=FULL, duration=0.2, output_interval=0.02)
+    errors = []
+    for step in (5e-4, 2.5e-4):
+        run = tmj.simulate(scene, engine=tmj.MuJoCo(step, integrator), duration=0.2, output_interval=0.02)
+        errors.append(tmj.compare(reference, run).max_node_error)
+    assert 1.9 < errors[0] / errors[1] < 2.1
+
+
+def test_a_rod_lands_under_water_as_in_a_fluid_that_drags_under_less_gravity() -> None:
+    """A level rod in still water: buoyancy takes ρ π d²/4 ℓ/m of its weight, and drag is the same on each segment."""
+    rod = tmj.Rod("r", ("a", "b"), 80.0, radius=0.05)
+    structure = tmj.Structure("sinks", {"a": (0.0, 0.0, -1.9), "b": (1.0, 0.0, -1.9)}, (rod,))
+    rest = {"contact": tmj.model.Contact(floor=-2.0), "duration": 0.5}
+    water = tmj.Water(drag=1.1, added_mass=0.0)
+    less = 9.81 * (1 - water.density * np.pi * 0.05**2 / 80.0)
+    drag = tmj.model.Drag(normal=1.1, density=water.density)
+    wet = tmj.Scene(structure, gravity=DOWN, water=water, **rest)
+    dragged = tmj.Scene(structure, gravity=(0.0, 0.0, -less), resistance=tmj.Resistance(drag=drag), **rest)
+    runs = [tmj.simulate(scene, engine=tmj.MuJoCo(2.5e-4)) for scene in (wet, dragged)]
+    assert runs[0].nodes[-1, :, 2].max() < -1.945  # landed
+    assert np.abs(runs[0].nodes - runs[1].nodes).max() < 1e-11  # 2000 steps of a few roundings of 2 m
+
+
+@pytest.mark.parametrize("engine", [JOINTS, FULL, tmj.DAE(solver=Solver.GENERAL, **FINE)], ids=str)
+def test_an_elastic_rod_is_elastic_in_water_too(engine: Any) -> None:
+    """Without added mass, which elastic rods do not have; h of RK4 is 1/30 of the rod's own 1/ω."""
+    rod = tmj.Rod("r", ("a", "b"), 80.0, radius=0.05, stiffness=1e4, damping=10.0)
+    string = tmj.String("s", ("b", "f"), 1000.0, rest_length=1.5)
+    nodes = {"a": (0.0, 0.0, -1.5), "b": (1.0, 0.0, 0.1), "f": (3.0, 0.0, 0.0)}
+    structure = tmj.Structure("soft", nodes, (rod,), (string,), ("f",))
+    scene = unladen(tmj.Scene(structure, gravity=DOWN, water=WATER))
+    reference, run = (tmj.simulate(scene, engine=one, duration=0.3) for one in (MUJOCO, engine))
+    stretch = np.linalg.norm(run.nodes[:, 1] - run.nodes[:, 0], axis=1)
+    assert np.ptp(stretch) > 1e-3
+    assert tmj.compare(reference, run).max_node_error < 1e-8
+    with pytest.raises(tmj.errors.SceneError, match="water adds mass to rods: added mass is that of rods of"):
+        tmj.simulate(scene.with_(water=WATER), engine=engine)

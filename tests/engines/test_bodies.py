@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ from body_scenes import CENTER, CORNERS, slung, stone, thrown, turned
 from scipy.special import ellipj
 
 import tensegrity_mj as tmj
+from tensegrity_mj.cli import main
 from tensegrity_mj.model import Body
+from tensegrity_mj.model.capabilities import DRY_BODIES
 
 TIMES = 0.1 * np.arange(21)
 SPIN = (1.0, 5.0, -2.0)
@@ -237,3 +240,22 @@ def test_a_body_of_many_nodes_has_the_statics_of_its_four():
         frame = whole.frames[0]
         assert frame.out_of_shape(found[-1].nodes) <= 1e-12
     assert found[0].nodes == pytest.approx(found[1].nodes, abs=1e-10)
+
+
+def test_runs_and_scenes_report_that_bodies_feel_no_fluid(tmp_path, capsys):
+    spine = tmj.load_scene("spine")
+    windy = spine.with_(resistance=tmj.Resistance(viscous=0.01), water=tmj.Water(string_diameter=0.01))
+    words = (
+        "body 'vertebra1' and 2 more feel nothing of the scene's water (no buoyancy, no drag) and resistance "
+        "(viscous, drag)"
+    )
+    assert DRY_BODIES.find(windy) == words
+    path = tmj.save_scene(windy, tmp_path / "windy.toml")
+    for command in (["run", str(path), "--duration", "0.01"], ["scenes", str(path), "--no-timing"]):
+        assert main(command) == 0
+        assert re.search(rf"^left out +{re.escape(words)}$", capsys.readouterr().out, re.MULTILINE)
+    one = windy.with_(structure=slung().structure, water=None, initial_velocities=None, duration=0.01)
+    report = tmj.simulate(one.with_(initial_nodes=None), engine=tmj.DAE()).reports
+    assert report["left_out"] == "body 'stone' feels nothing of the scene's resistance (viscous, drag)"
+    for scene in (spine, tmj.load_scene("tower_waves")):
+        assert not DRY_BODIES.find(scene)

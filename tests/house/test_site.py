@@ -37,6 +37,8 @@ def test_the_gallery_has_every_scene_with_picture_source_and_film(site_pages: Mo
         assert tmj.load_scene(name).source[:40].replace("&", "&amp;") in card
         assert re.search(rf"^ +tensegrity-mj run {name} .*--video", card, re.MULTILINE)
         assert 10 < len(site_pages.summary(name)) < 250
+    for words in ("posts, one of which shakes it; 1 string, 8 s", "sway on the lowest; 24 strings, 4 bodies, 3 s"):
+        assert words in text
 
 
 def commands_in(parser: Parser) -> Iterator[Parser]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.simulation import request_for
 from tensegrity_mj.statics import find_equilibrium
 from tensegrity_mj.statics.modes import mass_matrix
-from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, STUDIES, BeamRun, wave_label
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS
@@ -307,14 +307,14 @@ def test_the_matrix_of_added_mass_is_what_the_water_answers() -> None:
 
 
 @pytest.mark.study
-def test_figure_c8_is_what_the_doc_says(tmp_path: Path) -> None:
+def test_figure_c8_is_what_the_doc_says(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
     """Some seventy runs of beams: minutes."""
     engines = (EngineName.STATICS, EngineName.MUJOCO, EngineName.DAE)
     made = reproduce(["C.8"], tmp_path, engines=engines)
     assert [one.statement.id for one in made.rows if one.verdict is Verdict.UNEXPLAINED] == []
     written = lines_of(DOC.read_text(encoding="utf-8"))
     for one in made.rows:
-        assert written[one.statement.id] == page.markdown_row(one, engines)
+        assert written[one.statement.id] == script("reproduction").markdown_row(one, engines)
     assert made.files["C.8"].read_bytes().startswith(b"\x89PNG")
 
 

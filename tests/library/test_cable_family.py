@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from equilibria import equilibrium_residual
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from tensegrity_mj.library.suspended_cable import catenary, suspended_cable
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.motion import Harmonic, Motion
-from tensegrity_mj.model.rigidity import equilibrium_residual, free_motions, static_forces
+from tensegrity_mj.model.rigidity import free_motions, static_forces
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.self_stress import self_stress

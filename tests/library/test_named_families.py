@@ -7,6 +7,7 @@ import enum
 import importlib
 import inspect
 import json
+import re
 import subprocess
 import sys
 import typing
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pages import ROOT
 
 import tensegrity_mj as tmj
 from tensegrity_mj.basics.hints import fitted
@@ -215,3 +217,9 @@ def test_any_of_the_modules_may_be_imported_first(first: str) -> None:
     code = f"import {first}, sys\nassert 'mujoco' not in sys.modules\n"
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
+
+
+def test_the_page_of_the_format_has_every_family() -> None:
+    section = (ROOT / "docs" / "format.md").read_text(encoding="utf-8").partition("\n## Families\n")[2]
+    rows = re.findall(r"^\|(.+?)\|", section.partition("\n## ")[0], re.MULTILINE)
+    assert set(re.findall(r"`(\w+)\(", "".join(rows))) == set(_HOME)

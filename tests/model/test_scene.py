@@ -264,7 +264,9 @@ def test_scenes_are_values() -> None:
 def test_random_motions_keep_supports_and_rods(seed: int, planar: bool) -> None:
     rng = np.random.default_rng(seed)
     structure = random_structure(rng, rods=3, planar=planar, own_planes=0.5, point_masses=1)
-    random_scene(rng, structure, displaced=0.5, moving=2.0, gravity=True, loads=2, waypoints=2, control=True)
+    ways = [random_configuration(rng, structure, 0.3) for _ in range(2)]
+    scene = random_scene(rng, structure, displaced=0.5, moving=2.0, gravity=True, loads=2)
+    scene.with_(target=Target.path([0.5, 1.0], ways), control=ControlSpec("lyapunov", {"decay_rate": 0.5, "norm": 2}))
     # What the constructor accepted is what physics requires: no rod's length changes along the motion.
     start = random_configuration(rng, structure, 0.5)
     velocities = random_velocities(rng, structure, start, 1.0)

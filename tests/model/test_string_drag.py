@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.cli import main
+from tensegrity_mj.commands.scenes import describe
+from tensegrity_mj.errors import InfeasibleError, SceneError
+from tensegrity_mj.library.fish_farm import fish_net
 from tensegrity_mj.model.elements.water import water_forces
 
 RHO, D, C = 1025.0, 0.02, 1.2
@@ -91,3 +95,22 @@ def test_what_does_not_fit_is_refused() -> None:
         tmj.Scene(structure, water=tmj.Water())
     with pytest.raises(SceneError, match="strings that break would go on taking drag"):
         tmj.Scene(structure, water=water(), breaks=(tmj.model.Break("s0", 0.1),))
+
+
+def test_water_without_rods_has_no_words_of_rods(capsys: pytest.CaptureFixture[str]) -> None:
+    scene = drifting([("a", "b")], "ab").with_(gravity=(0.0, 0.0, -9.81))
+    found = describe(scene)
+    assert found["water"].endswith("drag 1.2 across, strings 0.02 m thick, 5 segments a string, chosen")
+    assert "a callback for forces of water: the scene has water" in found["needs"]["reasons"]
+    assert not any("the others refuse the scene" in reason for reason in found["needs"]["reasons"])
+    with pytest.raises(InfeasibleError, match="nothing holds it") as caught:
+        tmj.statics.analyse(scene, modes=1)
+    assert "buoyancy" not in str(caught.value)
+    net = fish_net(rows=1, columns=2)
+    assert "frequencies leave the mass that water adds out" not in tmj.statics.analyse(net, modes=1).notes
+    assert "added mass" not in " ".join(tmj.stable_step(scene, tmj.MuJoCo()).notes)
+    assert main(["run", "fish_net", "--duration", "0.02"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"^water +5 segments a string, chosen", said, re.MULTILINE)
+    assert "rods" not in said
+    assert "5 segments a rod or string" in describe(tmj.load_scene("moored_chain").with_(water=water()))["water"]

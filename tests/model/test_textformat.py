@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from tensegrity_mj.basics.fields import item_of, registered
 from tensegrity_mj.errors import FormatError, SceneError, StructureError, TensegrityError
 from tensegrity_mj.library.load import load_scene, load_structure
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.events import ControlSpec, Load
@@ -78,10 +78,14 @@ def test_random_scenes_come_back_equal(data: st.DataObject, seed: int) -> None:
         moving=data.draw(st.sampled_from([0.0, 1.0])),
         gravity=data.draw(st.booleans()),
         loads=data.draw(st.integers(0, 3)),
-        waypoints=data.draw(st.integers(0, 3)),
-        control=data.draw(st.booleans()),
         duration=data.draw(positive),
     )
+    times = np.cumsum(rng.uniform(0.2, 1.0, data.draw(st.integers(0, 3))))
+    if len(times):
+        ways = [random_configuration(rng, structure, 0.3) for _ in times]
+        scene = scene.with_(target=Target.path(times.tolist(), ways) if len(times) > 1 else Target.set_point(ways[0]))
+    if data.draw(st.booleans()):
+        scene = scene.with_(control=ControlSpec("lyapunov", {"decay_rate": float(rng.uniform(0.1, 1)), "norm": 2}))
     text = scene_to_toml(scene)
     assert scene_from_toml(text) == scene
     assert scene_to_toml(scene_from_toml(text)) == text

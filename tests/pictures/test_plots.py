@@ -338,7 +338,7 @@ def test_what_cannot_be_plotted_is_refused(tmp_path: Path):
         plot_run(run.until(0))
     with pytest.raises(OptionError, match="Trajectory"):
         plot_run(["run.nc"])  # type: ignore[list-item]
-    with pytest.raises(OptionError, match="its rods are rod"):
+    with pytest.raises(OptionError, match=r"there is no rod 'mast'; allowed: rod"):
         plot_coordinates(run, rod="mast")
     with pytest.raises(OptionError, match="no rods"):
         plot_coordinates(run_of(two_masses(), run.time, run.nodes[:, :2], run.velocities[:, :2], np.zeros((21, 1))))

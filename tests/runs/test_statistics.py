@@ -162,3 +162,19 @@ def test_of_a_replay_the_time_is_held_against_the_recording(tmp_path: Path, caps
     capsys.readouterr()
     assert main(["run", "pinned_rod", "--replay", str(file), "--statistics", "1"]) == 2
     assert "--statistics 1: the run ends before" in capsys.readouterr().err
+
+
+def test_a_string_with_mass_has_statistics_as_a_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmj.load_scene("massive_string")
+    run = tmj.simulate(scene, engine=tmj.MuJoCo(1e-3), duration=0.6)
+    found = run.statistics("tension", after=0.2)
+    assert found.names == ("line", *(f"line.{number}" for number in range(1, 22)))
+    kept = run.time >= 0.2
+    np.testing.assert_allclose(found.values[:, 0], run.tension("line")[kept], rtol=1e-13)
+    np.testing.assert_array_equal(found.values[:, 21], run.tension("line.21")[kept])
+    assert found.cycles("line").shape[1] == 3
+    assert found.lines()[0][0] == "line"
+    assert repr(found).startswith("tension of 1 and 21 parts, ")
+    assert found.report()["line"]["mean"] == pytest.approx(run.tension("line")[kept].mean(), rel=1e-2)
+    assert main(["run", "massive_string", "--duration", "0.6", "--statistics", "0.2"]) == 0
+    assert "\nline: mean " in capsys.readouterr().out

@@ -118,8 +118,11 @@ def test_files_and_tables_have_them_by_the_names_of_strings(tmp_path: Path) -> N
     frame = run.to_dataframe(water_loads=True)
     np.testing.assert_array_equal(frame["over.drag_y"], loads[:, 1, 1])
     found = run.statistics("string_water_load")
-    assert found.names[3:6] == ("over.x", "over.y", "over.z")
-    np.testing.assert_array_equal(found.greatest, loads.max(axis=0).ravel())
+    assert found.names[3:10] == ("over.x", "over.y", "over.z", "line.x", "line.y", "line.z", "line.1.x")
+    line = run.water_load("line", "string")  # the whole, in place of its parts, which come last
+    in_order = np.concatenate([loads[:, :2].reshape(len(line), -1), line, loads[:, 2:].reshape(len(line), -1)], axis=1)
+    np.testing.assert_allclose(found.values, in_order, rtol=1e-13, atol=1e-13)
+    assert found.parts == 3 * len(run.scene.structure.ropes[0].parts)
     csv = run.save(tmp_path / "run.csv", water_loads=True).read_text().splitlines()[0].split(",")
     assert csv == ["time", *frame.columns]
     assert "over.drag_y" not in run.save(tmp_path / "without.csv").read_text()

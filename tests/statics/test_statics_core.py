@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from equilibria import equilibrium_residual
 from linked_scenes import random_tree
 from numpy.typing import NDArray
 from scipy.linalg import null_space
@@ -16,7 +17,7 @@ from tensegrity_mj.library.tower import tower
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.linearization.differences import central, reach_of
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.model.rigidity import equilibrium_residual, free_motions
+from tensegrity_mj.model.rigidity import free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
@@ -318,7 +319,7 @@ def test_forces_of_redundant_rods_are_the_least() -> None:
 @pytest.mark.parametrize("name", ["tbar", "dbar", "truss_arm", "net", "prism"])
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.3, 0.0, -9.81)])
 def test_equilibria_are_those_of_another_assembly(name: str, gravity: tuple[float, float, float]) -> None:
-    """Of `rigidity.equilibrium_residual`, for rods taken apart; it is in newtons too."""
+    """Of `rigidity.equilibrium_equations`, for rods taken apart; it is in newtons too."""
     scene = tmj.load_scene(name).with_(gravity=gravity, resistance=None)
     state = find_equilibrium(scene)
     left = equilibrium_residual(scene.structure, state.nodes, state.force_densities, gravity, scene.nodal_forces(0.0))

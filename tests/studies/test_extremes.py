@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -559,16 +560,19 @@ def test_a_reference_is_of_another_formulation_and_reports_its_doubt(engine: str
 
 @pytest.mark.parametrize("engine", ["dae rk4", "rk4", "ode dop853"])
 def test_a_formulation_that_is_wrong_at_every_step_shows(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # An engine that takes strings for twice as stiff converges smoothly, and only another formulation can show it.
-    point, setup = next(one for one in setups_of(engine, Kind.STIFF) if task.run_extreme(one[0])["verdict"] == "right")
-    true = setup.experiment.scene
-    stiffer = true.with_(structure=true.structure.with_strings(stiffness=2 * true.structure.stiffness))
+    # An engine that takes strings for twice as stiff converges, and only another formulation can show it; where its own
+    # estimate does not settle at the tolerance that was drawn, the run is warned of.
+    right = (one for one in setups_of(engine, Kind.STIFF) if task.run_extreme(one[0])["verdict"] == "right")
+    points = [point for point, _ in itertools.islice(right, 3)]
 
     def wrong(one: Setup, level: Any) -> Attempt:
+        true = one.experiment.scene
+        stiffer = true.with_(structure=true.structure.with_strings(stiffness=2 * true.structure.stiffness))
         return attempt(replace(one, experiment=replace(one.experiment, scene=stiffer)), level)
 
     monkeypatch.setattr(task, "attempt", wrong)
-    assert task.run_extreme(point)["verdict"] == "undetected"
+    verdicts = {task.run_extreme(point)["verdict"] for point in points}
+    assert "undetected" in verdicts <= {"undetected", "warned"}
 
 
 def test_the_estimate_of_a_run_with_kinks_claims_no_high_order(

@@ -24,10 +24,11 @@ from tensegrity_mj.commands.sweep import split, value_of, values_of
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies import store
-from tensegrity_mj.studies.axes import Choice, Draw, Grid, LogUniform, Normal, Together, Uniform, Vary
+from tensegrity_mj.studies.axes import Choice, Draw, LogUniform, Normal, Together, Uniform, Vary
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameter_values import Scaled, decoded, encoded
+from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
 from tensegrity_mj.studies.table import MEASURES, rows_of
@@ -116,6 +117,29 @@ def test_plant_changes_what_is_simulated_and_not_what_the_law_knows(path: str, v
     changed = draft_of(loaded(), **{path: value})
     assert draft.scene == loaded()
     assert draft.plant == changed.scene
+
+
+def test_rows_of_numbers_of_members_are_changed_too() -> None:
+    wall, vertebra = "structure.constraints[wall].direction", "structure.bodies[vertebra2].inertia"
+    for scene, path, value, expected in (
+        ("ladder", wall, [2, 0, 0], (2.0, 0.0, 0.0)),
+        ("ladder", f"{wall}.x", Scaled(3), (3.0, 0.0, 0.0)),
+        ("spine", vertebra, [1e-3, 2e-3, 2e-3], (1e-3, 2e-3, 2e-3)),
+        ("spine", "structure.bodies.inertia", Scaled(2), pytest.approx((7.65e-4, 7.65e-4, 5.1e-4))),
+        ("spine", f"{vertebra}.z", 4e-4, pytest.approx((3.825e-4, 3.825e-4, 4e-4))),
+        ("spine", "structure.bodies[vertebra2].center", [0, 0, 0.21], (0.0, 0.0, 0.21)),
+    ):
+        structure = Draft(tmj.load_scene(scene)).apply({path: value}).scene.structure
+        member = {one.name: one for one in (*structure.constraints, *structure.bodies)}
+        assert getattr(member["wall" if scene == "ladder" else "vertebra2"], path.split(".")[2]) == expected
+    for path, value, words in (
+        (vertebra, [1.0, 2.0], "a list of three numbers"),
+        (f"{vertebra}.w", 1.0, "no component 'w'"),
+        ("structure.bodies[vertebra2].center.z", 0.1, "it has no value of which this could be a part; give all of it"),
+        ("structure.bodies[vertebra2].center", Scaled(2), "it has no value of which"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            Draft(tmj.load_scene("spine")).apply({path: value})
 
 
 def test_together_they_apply_in_a_fixed_order() -> None:
@@ -236,28 +260,33 @@ def test_scenes_without_loads_have_no_loads_to_change() -> None:
 
 
 def test_the_grid_is_every_combination_the_last_axis_fastest() -> None:
-    grid = Grid([Vary("a", [1, 2]), Together([Vary("b", [3, 4]), Vary("c", [Scaled(0.5), "x"])])], fixed={"d": True})
-    assert list(grid.points()) == [
-        {"d": True, "a": 1, "b": 3, "c": "*0.5"},
-        {"d": True, "a": 1, "b": 4, "c": "x"},
-        {"d": True, "a": 2, "b": 3, "c": "*0.5"},
-        {"d": True, "a": 2, "b": 4, "c": "x"},
+    a, b, c, d = "scene.duration", "law.decay_rate", "structure.rods.mass", "law.respect_limits"
+    axes = [Vary(a, [1, 2]), Together([Vary(b, [3, 4]), Vary(c, [Scaled(0.5), 0.7])])]
+    assert list(Sweep("pinned_rod", axes, fixed={d: True}).points()) == [
+        {d: True, a: 1, b: 3, c: "*0.5"},
+        {d: True, a: 1, b: 4, c: 0.7},
+        {d: True, a: 2, b: 3, c: "*0.5"},
+        {d: True, a: 2, b: 4, c: 0.7},
     ]
 
 
-DRAWS = (Draw("a", Uniform(1, 2)), Draw("b", Normal(0, 1), scaled=True), Draw("c", Choice(["x", 1])))
+DRAWS = (
+    Draw("law.decay_rate", Uniform(1, 2)),
+    Draw("structure.rods.mass", Normal(0, 1), scaled=True),
+    Draw("law.norm", Choice(["inf", 1])),
+)
 
 
 def test_a_draw_depends_on_the_seed_and_its_number_alone() -> None:
-    grid = Grid([Vary("v", [1, 2])], DRAWS, samples=5, seed=7)
-    points = list(grid.points())
-    assert [{**point, "v": 0} for point in points[:5]] == [{**point, "v": 0} for point in points[5:]]
-    longer = list(Grid((), DRAWS, samples=9, seed=7).points())
-    assert longer[:5] == [{key: point[key] for key in "abc"} for point in points[:5]]
+    v, drawn = "scene.duration", [draw.parameter for draw in DRAWS]
+    points = list(Sweep("pinned_rod", [Vary(v, [1, 2])], DRAWS, samples=5, seed=7).points())
+    assert [{**point, v: 0} for point in points[:5]] == [{**point, v: 0} for point in points[5:]]
+    longer = list(Sweep("pinned_rod", draws=DRAWS, samples=9, seed=7).points())
+    assert longer[:5] == [{key: point[key] for key in drawn} for point in points[:5]]
     assert len({json.dumps(point) for point in longer}) == 9
-    assert next(Grid((), DRAWS, samples=9, seed=8).points()) != longer[0]
+    assert next(Sweep("pinned_rod", draws=DRAWS, samples=9, seed=8).points()) != longer[0]
     # Drawn once, here, with numpy's documented generator: the numbers stay what they were.
-    assert longer[0]["a"] == 1 + np.random.default_rng([7, 0]).uniform()
+    assert longer[0]["law.decay_rate"] == 1 + np.random.default_rng([7, 0]).uniform()
 
 
 @pytest.mark.parametrize(
@@ -284,7 +313,7 @@ def test_distributions(distribution: Any, mean: float, deviation: float, bounds:
 def test_a_star_in_brackets_draws_for_each_member() -> None:
     sweep = Sweep("prism", draws=[Draw("plant.rods[*].mass", Uniform(0.8, 1.2), scaled=True)], samples=2, seed=1)
     assert sweep.parameters == [f"plant.rods[rod{n}].mass" for n in (1, 2, 3)]
-    point = next(iter(sweep.grid.points()))
+    point = next(iter(sweep.points()))
     assert len(set(point.values())) == 3
     assert all(0.8 <= decoded(value).factor <= 1.2 for value in point.values())
 
@@ -497,7 +526,7 @@ SIMULATIONS = """
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.axes import Vary
 sweep = Sweep('pinned_rod', [Vary('law.decay_rate', list(range(1, 41)))], fixed={'scene.duration': 5})
-points = [{'parameters': settings} for settings in sweep.grid.points()]
+points = [{'parameters': settings} for settings in sweep.points()]
 run_many(study_tasks.simulated, points, folder, common=sweep.common(), workers=Workers(2))
 """
 
@@ -506,7 +535,7 @@ run_many(study_tasks.simulated, points, folder, common=sweep.common(), workers=W
 def test_kill_9_of_simulations(tmp_path: Path) -> None:
     # The decay rate of a finished point, by its outcome: what the log calls it.
     sweep = Sweep("pinned_rod", [Vary("law.decay_rate", list(range(1, 41)))], fixed={"scene.duration": 5})
-    points = [{"parameters": settings} for settings in sweep.grid.points()]
+    points = [{"parameters": settings} for settings in sweep.points()]
     whole = run_many(study_tasks.simulated, points, tmp_path / "whole", common=sweep.common(), workers=Workers(2))
     names = {
         canonical(outcome): str(point["parameters"]["law.decay_rate"])
@@ -630,7 +659,7 @@ def test_draws_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
         seed=5,
         fixed={"scene.duration": 0.2},
     )
-    assert points == list(expected.grid.points())
+    assert points == list(expected.points())
     assert answer["ended"] == {"completed": 3}
 
 
@@ -643,10 +672,10 @@ def test_draws_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
         ("--vary law.decay_rate=linear:1:2", "linear:FROM:TO:COUNT"),
         ("--vary law.decay_rate=linear:1:2:1", "count of at least 2"),
         ("--vary law.decay_rate=log:0:2:3", "must be > 0"),
-        ("--vary law.decay_rate=log:a:2:3", "'a' is no finite number"),
+        ("--vary law.decay_rate=log:a:2:3", "end = 'a'; it must be a finite number"),
         ("--draw law.decay_rate=gamma:1:2 --seed 1", "allowed after = are uniform"),
         ("--draw law.decay_rate=uniform:1 --seed 1", "allowed after = are uniform"),
-        ("--draw law.decay_rate=uniform:1:x --seed 1", "'x' is no finite number"),
+        ("--draw law.decay_rate=uniform:1:x --seed 1", "number = 'x'; it must be a finite number"),
         ("--draw law.decay_rate=uniform:1:2", "needs a seed"),
         ("--set law.norm=2 --set law.norm=1", "given twice"),
         ("--set structure.rods.mass=*x", "there must be a number"),

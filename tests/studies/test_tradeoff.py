@@ -6,8 +6,10 @@ import itertools
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.studies.tradeoff import advising, docs, reference
+from tensegrity_mj.studies.tradeoff import advising, reference
 from tensegrity_mj.studies.tradeoff.advising import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, open_loop, recording_interval
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
@@ -483,14 +485,16 @@ def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
     assert "nothing moves" in still["reference"]["reason"]
 
 
-def test_page_picture_and_documentation_are_written(tmp_path: Path) -> None:
+def test_page_picture_and_documentation_are_written(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
+    docs = script("tradeoff")
     study = small_study(tmp_path / "study")
     page = (tmp_path / "study" / "tradeoff.html").read_text(encoding="utf-8")
     assert not re.search("https?:", page)  # bare "http" may stand in the pixels of a picture
     assert page.count("data:image/png") == 2
     assert study.save_figure(tmp_path / "a.svg").is_file()
     (tmp_path / "tradeoff.md").write_text("# Title\n\nText.\n", encoding="utf-8")
-    written = docs.write_docs(tmp_path, [study.data])
+    kept = json.loads((tmp_path / "study" / "tradeoff.json").read_text(encoding="utf-8"))
+    written = docs.write_docs(tmp_path, [kept])
     assert [path.name for path in written] == ["spring.png", "tradeoff.md"]
     assert written[0].stat().st_size < 80_000
     once = written[1].read_text(encoding="utf-8")
@@ -720,6 +724,4 @@ def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureF
     ]
     assert main(arguments) == 0
     assert "open loop: for 1e-2 m use MuJoCo RK4" in capsys.readouterr().out
-    assert main([*arguments, "--docs", str(tmp_path)]) == 2
-    assert "there is no tradeoff.md" in capsys.readouterr().err
     assert main(["tradeoff", "tbar", "tbar"]) == 2

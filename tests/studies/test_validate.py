@@ -392,6 +392,8 @@ def test_built_in_law_objects_are_known_by_their_options(pinned_rod: Any) -> Non
         )
     other = tmj.controllers.Lyapunov(pinned_rod.structure, np.array(pinned_rod.nodes0))  # another target
     assert specs.spec_of(other, pinned_rod)["kind"] == "object"
+    program = tmj.controllers.Program(pinned_rod.structure, moves=[("s1", 0.0, 1.0, 0.9)])  # no dataclass
+    assert specs.spec_of(program, pinned_rod)["kind"] == "object"
 
 
 def test_a_margin_of_ones_own_and_a_lost_solution(pinned_rod: Any) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -26,12 +28,10 @@ from tensegrity_mj.runs.deformation import (
     distances_from_line,
     interconnections,
     is_tower,
-    rod_forces,
 )
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves
 from tensegrity_mj.thesis.catalog import STATEMENTS
@@ -169,7 +169,7 @@ def test_rod_forces_balance_the_strings_at_the_start() -> None:
     run = tmj.simulate(scene, None, engine_of("dae", 1e-2), duration=0.01)
     from tensegrity_mj.statics import find_equilibrium
 
-    np.testing.assert_allclose(rod_forces(run)[0], find_equilibrium(scene).rod_forces, rtol=1e-7)
+    np.testing.assert_allclose(run.rod_forces[0], find_equilibrium(scene).rod_forces, rtol=1e-7)
     assert deformation(run).max() < 1e-9  # straight
 
 
@@ -223,7 +223,7 @@ def test_a_point_of_the_study_reports_what_the_run_reports() -> None:
     assert (found["at"], found["where"]) == (run.time[row], column + 1)
     assert found["steady"] == D[run.time > 2.0].max()
     assert found["profile"] == D[run.time > 2.0].max(axis=0).tolist()
-    assert found["mean_force"] == pytest.approx(-rod_forces(run).mean() / 1e3, rel=1e-14)
+    assert found["mean_force"] == pytest.approx(-run.rod_forces.mean() / 1e3, rel=1e-14)
     assert found["mean_force"] > 0  # of compression
     assert found["period"] == pytest.approx(math.sqrt(2 * math.pi * 15 / 9.81), rel=1e-12)
     assert np.diff(found["times"][1:]) == pytest.approx([found["period"] / 3] * 2, abs=0.02)
@@ -310,13 +310,13 @@ def test_rows_of_the_ledger_distinguish_the_thesis_from_what_is_not() -> None:
 
 @pytest.mark.slow
 @pytest.mark.study
-def test_the_study_is_what_the_doc_says(tmp_path: Path) -> None:
+def test_the_study_is_what_the_doc_says(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
     made = reproduce(["7.7", "7.8", "7.9"], tmp_path, engines=[EngineName.DAE, EngineName.MUJOCO])
     assert {"7.7", "7.8", "7.9"} <= set(made.files)
     text = (Path(__file__).resolve().parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8")
     order = (EngineName.STATICS, EngineName.MUJOCO, EngineName.DAE)
     for row in made.rows:
-        assert page.markdown_row(row, order) in text
+        assert script("reproduction").markdown_row(row, order) in text
 
 
 # The sweep over arguments of a family
@@ -339,7 +339,7 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
         run = tmj.simulate(scene, None, tmj.DAE())
         assert deformed == deformation(run).max()
         assert late == deformation(run)[run.time >= 0.225].max()
-        assert force == rod_forces(run).mean()
+        assert force == run.rod_forces.mean()
     forces = study.values("mean_rod_force")
     assert forces[1] == pytest.approx(2 * forces[0], rel=0.05)  # the same form, strings twice as stiff, and some water
     assert Sweep("prism", fixed={"scene.duration": 0.1}).run(workers=HERE).values("deformation") == [None]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.thesis import sensitivity, tables
+from tensegrity_mj.thesis import tables
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, PLACES, SERIES, hanging, marker_places
 from tensegrity_mj.thesis.disturbance import GAINS, Disturbance, Quantity, disturbance_of, disturbed, disturbed_options
@@ -38,6 +39,12 @@ CODED = (
     "4.4-off-1 4.4-off-2 4.4-off-3 4.4-off-4 4.4-peak 4.4-least 4.9-off-1 4.9-off-2 4.9-peak-beam-980 4.9-peak-beam-0 "
     "C.3-TB1-initial C.3-TB2-initial C.3-TB3-initial C.3-TB4-initial"
 ).split()
+
+
+@pytest.fixture
+def sensitivity(script: Callable[[str], ModuleType]) -> ModuleType:
+    """scripts/sensitivity.py."""
+    return script("sensitivity")
 
 
 # ------------------------------------------------------------------------------------------------------ the numbers
@@ -184,7 +191,7 @@ words = "what"
 stated = "1 m"
 band = [0.9, 1.1]
 reason = "why"
-measure = "switches"
+measure = "spread_of_active"
 runs = ["pinned"]
 differs.ours = [2, 3]
 differs.cause = "why"
@@ -203,8 +210,8 @@ def test_texts_stand_for_their_names(tmp_path: Path) -> None:
     ("change", "word"),
     [
         (('class = "number"', 'class = "nice"'), "independent computation"),
-        (('measure = "switches"', 'measure = "none"'), "measure = 'none'"),
-        (('measure = "switches"', ""), "neither a measure"),
+        (('measure = "spread_of_active"', 'measure = "none"'), "measure = 'none'"),
+        (('measure = "spread_of_active"', ""), "neither a measure"),
         (("band = [0.9, 1.1]", "band = [1.1, 0.9]"), "not above the second"),
         (("band = [0.9, 1.1]", "band = [1.1]"), "two numbers"),
         (("page = 120", 'page = "120"'), "page = '120'"),
@@ -320,7 +327,7 @@ def test_a_bad_disturbance_is_refused() -> None:
     assert disturbance_of(Disturbance(Quantity.MASS, 1.1).plain) == Disturbance(Quantity.MASS, 1.1)
 
 
-def test_stiffness_changes_nothing_where_the_law_sets_u() -> None:
+def test_stiffness_changes_nothing_where_the_law_sets_u(sensitivity: ModuleType) -> None:
     """Why `applies` leaves it out: rest lengths follow from u, so forces are the same to round-off."""
     one = replace(EXPERIMENTS["prism"], interval=1.0)
     usual = simulate_experiment(one, EngineName.DAE)
@@ -332,7 +339,9 @@ def test_stiffness_changes_nothing_where_the_law_sets_u() -> None:
 # ------------------------------------------------------------------------------------------------------ sensitivity
 
 
-def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_rows_notice_is_found_and_kept(
+    sensitivity: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A band that takes whatever comes notices no mass, a narrow one some; a second call runs nothing."""
     file = tmp_path / "table.json"
     file.write_text(json.dumps({"rows": {"5.4-uniform": {"mass": 1}, "gone": {}}}), encoding="utf-8")
@@ -352,7 +361,9 @@ def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.
     assert sensitivity.sensitivity(["6.8"], tmp_path, file, sizes=(10,), workers=HERE) == made
 
 
-def test_the_table_of_errors_is_of_rows_that_are_studied(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_of_errors_is_of_rows_that_are_studied(
+    sensitivity: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     table = json.loads(tables.SENSITIVITY.read_text(encoding="utf-8"))
     requested = {one.id for one in sensitivity.evidence(STATEMENTS)}
     assert set(table["rows"]) <= requested

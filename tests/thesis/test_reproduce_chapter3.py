@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
 from tensegrity_mj.thesis.chapter3.series import SERIES, SeriesRun
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
-from tensegrity_mj.thesis.page import counts, markdown, summary
+from tensegrity_mj.thesis.lookup import measured
+from tensegrity_mj.thesis.page import counts, summary
 from tensegrity_mj.thesis.reproduction import WHOLES, compute_runs, reproduce
 from tensegrity_mj.thesis.runs import Computed
 from tensegrity_mj.thesis.statement import Class
@@ -111,8 +113,8 @@ def test_measures_of_made_up_amplitudes() -> None:
     run = made_up(relative)
     assert measures3.peak_input(run, 10, False) == 0.35
     assert measures3.peak_input(run, 10, True) == 0.90
-    assert measures3.ratio(run, 10) == 2.0
-    assert measures3.ratio(run, 5) == 1.0
+    assert measured(ROWS["3.4-ratio"], {"in-line": run}) == 2.0
+    assert measured(ROWS["3.6-ratio"], {"in-line": run}) == 1.0
     assert [measures3.largest(run, 10, axis, True) for axis in (0, 1)] == [6.0, 5.0]
     assert [measures3.largest(run, 10, axis, False) for axis in (0, 1)] == [12.0, 1.0]
     assert measures3.violence(run) == 3.0
@@ -131,7 +133,7 @@ def test_measures_of_made_up_peaks(monkeypatch: pytest.MonkeyPatch) -> None:
     assert math.isnan(measures3.present_from(run, 10, 1.5, 1.6))
 
 
-def test_what_cannot_be_judged_is_said_and_counted() -> None:
+def test_what_cannot_be_judged_is_said_and_counted(script: Callable[[str], ModuleType]) -> None:
     unjudged = [one for one in ROWS.values() if one.unjudged]
     assert len(unjudged) >= 6
     rows = judge(unjudged, Computed({engine: {} for engine in BOTH}))
@@ -142,7 +144,7 @@ def test_what_cannot_be_judged_is_said_and_counted() -> None:
         f"{requested} of its statements: 0 come out, 0 differ (0 without a known cause), {requested} cannot be"
         in summary(rows)
     )
-    text = markdown(rows)
+    text = script("reproduction").markdown(rows)
     assert "not in the thesis" in text
     assert "| – | – | cannot be judged | – |" in text
 
@@ -269,11 +271,9 @@ def test_what_splits_the_peak_at_the_input() -> None:
 
 @pytest.mark.slow
 @pytest.mark.study
-def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> None:
+def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
     """Everything, in both engines; known differences are still there; the doc has the same values."""
     from ledger_lines import DOC, lines_of
-
-    from tensegrity_mj.thesis import page
 
     found = reproduce(["3"], tmp_path, engines=BOTH, workers=Workers(2))
     assert [row.statement.id for row in found.rows if row.verdict is Verdict.UNEXPLAINED] == []
@@ -282,7 +282,7 @@ def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> No
     assert {figure.number for figure in OF_CHAPTER} <= set(found.files)
     lines = lines_of(DOC.read_text(encoding="utf-8"))
     for row in found.rows:
-        assert lines[row.statement.id] == page.markdown_row(row)
+        assert lines[row.statement.id] == script("reproduction").markdown_row(row)
     # The cause of 3.4-f1-from: the input from which on a frequency is a main peak moves with the threshold.
     runs = compute_runs(("in-line", "circular"), (EngineName.DAE,), tmp_path / "runs", workers=HERE).runs
     moved = set()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,6 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.statics import Hold, follow
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c import beam_tasks, beams, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, STUDIES, BeamRun
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS
@@ -154,13 +155,13 @@ def test_mujoco_confirms_form_and_stiffness() -> None:
 # ------------------------------------------------------------------------------------------------- rows and figures
 
 
-def test_the_tower_of_chapter_7_is_what_the_doc_says(tmp_path: Path) -> None:
+def test_the_tower_of_chapter_7_is_what_the_doc_says(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
     made = reproduce(["7"], tmp_path, engines=[EngineName.STATICS], workers=HERE)
     written = lines_of(DOC.read_text(encoding="utf-8"))
     assert len(made.rows) > 8
     for one in made.rows:
         assert one.verdict is (Verdict.REPRODUCED if one.statement.known is None else Verdict.DIFFERS)
-        assert written[one.statement.id] == page.markdown_row(one, (*BOTH, EngineName.DAE))
+        assert written[one.statement.id] == script("reproduction").markdown_row(one, (*BOTH, EngineName.DAE))
     assert made.files["7.6"].read_bytes().startswith(b"\x89PNG")
 
 
@@ -172,7 +173,7 @@ def test_figure_c2_is_drawn_from_one_beam() -> None:
 
 
 @pytest.mark.study
-def test_the_whole_of_appendix_c_is_what_the_doc_says(tmp_path: Path) -> None:
+def test_the_whole_of_appendix_c_is_what_the_doc_says(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
     made = reproduce(["C"], tmp_path, engines=BOTH, workers=HERE)
     own = {one.id for one in STATEMENTS if one.chapter == "C" and set(one.needs) <= STATIC}
     rows = [one for one in made.rows if one.statement.id in own]  # those of motions are in test_beam_in_waves.py
@@ -181,7 +182,7 @@ def test_the_whole_of_appendix_c_is_what_the_doc_says(tmp_path: Path) -> None:
     assert explained == {one.statement.id for one in rows if one.verdict is Verdict.DIFFERS}
     written = lines_of(DOC.read_text(encoding="utf-8"))
     for one in rows:
-        assert written[one.statement.id] == page.markdown_row(one, (*BOTH, EngineName.DAE))
+        assert written[one.statement.id] == script("reproduction").markdown_row(one, (*BOTH, EngineName.DAE))
     assert {"C.2", "C.3", "C.4", "C.6", "C.7"} <= set(made.files)
     confirmed = made.computed.runs[EngineName.MUJOCO]["beams"]
     assert set(confirmed.values) == set(BY_PRESTRESS)

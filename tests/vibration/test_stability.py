@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from equilibria import equilibrium_residual
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
@@ -19,7 +20,6 @@ from tensegrity_mj.library.random_structures import random_scene, random_structu
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.model.rigidity import equilibrium_residual
 from tensegrity_mj.studies.engine_names import NAMES, engine_of
 from tensegrity_mj.studies.stability import measure
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied

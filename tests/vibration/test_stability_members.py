@@ -45,11 +45,20 @@ def test_limits_are_measured_on_the_scene_itself(name: str) -> None:
 
 
 def test_what_nothing_holds_has_no_limit_up_to_the_scenes_duration() -> None:
-    """Dead loads take all tension out of a chain: what is left of ω is the square root of round-off."""
+    """Dead loads take all tension out of a chain: what is left of ω is the square root of round-off.
+
+    Tensions are sums of loads F, so they err by at most n ε Σ |F|, n = 3 R: rods of mass m and length l that turn
+    about their centres have ω² = 12 T / (m l).
+    """
     scene, _ = scene_at_rest(tmj.load_scene("moored_chain"))
+    structure = scene.structure
+    loads = sum(np.linalg.norm(load.force) for load in scene.loads)
+    inertia = min(rod.mass * length for rod, length in zip(structure.rods, structure.rod_lengths, strict=True)) / 12
+    most = np.sqrt(3 * len(structure.rods) * np.finfo(float).eps * loads / inertia)
     found = at_rest(scene, "rk4")
-    assert found["omega"] < 1e-6
-    assert (found["predicted"], found["measured"], found["ratio"]) == (None, None, 1.0)
+    assert found["omega"] <= most
+    assert found["predicted"] is None or found["predicted"] >= 2 / most
+    assert (found["measured"], found["ratio"]) == (None, 1.0)
     assert found["largest"] == pytest.approx(scene.duration)
 
 

@@ -11,6 +11,7 @@ from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
@@ -31,7 +32,7 @@ from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.marks import marks_of
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
-from tensegrity_mj.engines.reference.turns import bisect, turn_within
+from tensegrity_mj.engines.reference.turns import turn_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import check_energy

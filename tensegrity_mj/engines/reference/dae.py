@@ -98,13 +98,14 @@ class DAE(ReferenceEngine):
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
         structure = scene.structure
-        if self._as_one(structure):
+        if self._as_one(scene):
             return self._bytes(6 * len(structure.rods) + 3 * len(structure.lone_masses) + 12 * len(structure.bodies))
         return self._bytes(LinkedRecords.of(structure).nq)
 
-    def _as_one(self, structure: Structure) -> bool:
-        """Whether a structure is one system."""
-        return self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(structure)
+    def _as_one(self, scene: Scene) -> bool:
+        """Whether a structure is one system. In water, rods by themselves keep their lengths, so elastic ones are."""
+        wet = scene.structure.elastic.any() and any(one.adds_mass for one in scene.effects)
+        return bool(wet) or self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(scene.structure)
 
     def prepared(self, request: Request) -> IntegratedRun:
         """See `ReferenceEngine`."""
@@ -120,7 +121,7 @@ class DAE(ReferenceEngine):
     def _model(self, request: Request) -> _Model:
         """The equations for a structure and its supports."""
         structure = request.scene.structure
-        if self._as_one(structure):
+        if self._as_one(request.scene):
             return _assembled(request, self.solver is Solver.FULL)
         solver = self.solver if structure.rods else Solver.JOINTS  # point masses alone have no matrix
         alone = structure.class_number <= 1 and not request.scene.motions and solver is Solver.JOINTS

@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.reference.equations import place
-
-
-def bisect(holds: Callable[[float], bool], start: float, end: float, within: float = 0.0) -> tuple[float, float]:
-    """Two times between which something ends that holds at `start` and not at `end`.
-
-    They are so far apart [s] or, where times are coarser, neighbours.
-    """
-    while end - start > within:
-        middle = 0.5 * (start + end)
-        if not start < middle < end:
-            break
-        if holds(middle):
-            start = middle
-        else:
-            end = middle
-    return start, end
 
 
 def turn_within(plant: Plant, start: float, end: float, states: Any) -> float:

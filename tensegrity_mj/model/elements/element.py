@@ -112,6 +112,10 @@ class Element:
         """Of a STORED element with a state: the power [W] that it loses, -dE/dt - F·v = -∂E/∂state · rates."""
         return 0.0
 
+    def adds_mass_to(self, scene: Scene) -> bool:
+        """Whether `alpha` of the rods of a scene is more than zero anywhere, so that engines must answer it."""
+        return self.adds_mass and bool(scene.structure.rods)
+
     def alpha(self, scene: Scene, time: float, nodes: Array) -> Array:
         """α (..., R, 2, 2) [kg]: each rod's nodes feel -Σ_j α_ij P a_j besides, P taking what is across the rod."""
         return np.zeros((*nodes.shape[:-2], len(scene.structure.rods), 2, 2))

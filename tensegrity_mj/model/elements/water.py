@@ -125,6 +125,10 @@ class Water(Element):
         """(7.9)-(7.10) share loads as velocities are shared; Hermite's weights do not."""
         return self.weights is Weights.RIGID
 
+    def adds_mass_to(self, scene: Scene) -> bool:
+        """Of rods alone, and with C_a."""
+        return self.added_mass > 0 and super().adds_mass_to(scene)
+
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
         """F⁰, see `water_forces`."""
         return water_forces(scene, time, nodes, velocities)[0]

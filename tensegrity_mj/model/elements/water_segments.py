@@ -30,6 +30,7 @@ rod's own turning, whose added mass and drag are off by 1/n² of their moments i
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,7 @@ class SegmentCount:
         member: the longest rod, or string that takes drag.
         length: ℓ of it [m].
         wave_number: the largest k [1/m]; zero without waves.
+        kinds: of members that the water loads: "rod", "string", or both.
     """
 
     count: int
@@ -70,6 +72,7 @@ class SegmentCount:
     member: str
     length: float
     wave_number: float
+    kinds: tuple[str, ...]
 
     @property
     def error_bound(self) -> float:
@@ -97,6 +100,7 @@ class SegmentCount:
         """Plain values, for JSON."""
         return {
             "count": self.count,
+            "kinds": list(self.kinds),
             "chosen": self.chosen,
             "needed": self.needed,
             "force_error_bound": self.force_error,
@@ -105,10 +109,16 @@ class SegmentCount:
 
     def text(self) -> str:
         """The same in words."""
-        words = f"{self.count} segments a rod, {'chosen' if self.chosen else 'given'}"
+        words = count_text(self.report())
         return (
             f"{words}: wave loads within {100 * self.error_bound:.2g} % of the largest" if self.wave_number else words
         )
+
+
+def count_text(report: Mapping[str, Any]) -> str:
+    """Of a `SegmentCount.report`, what members are cut into, in words."""
+    members = " or ".join(report["kinds"])
+    return f"{report['count']} segments a {members}, {'chosen' if report['chosen'] else 'given'}"
 
 
 def segment_count(scene: Scene) -> SegmentCount:
@@ -119,6 +129,7 @@ def segment_count(scene: Scene) -> SegmentCount:
     if water.string_diameter is not None:
         lengths = np.concatenate([lengths, np.linalg.norm(structure.paths.spans(scene.nodes0), axis=-1)])
         names += [f"string '{structure.strings[row].name}'" for row in structure.paths.strings]
+    kinds = {"rod": bool(structure.rods), "string": water.string_diameter is not None}
     row = int(np.argmax(lengths))
     length = float(lengths[row])
     force, moment = error_factors(sea, water, length)
@@ -133,6 +144,7 @@ def segment_count(scene: Scene) -> SegmentCount:
         names[row],
         length,
         float(np.max(sea.number[sea.amplitude > 0], initial=0.0)),
+        tuple(kind for kind, there in kinds.items() if there),
     )
 
 

@@ -167,13 +167,6 @@ class Sea:
         size = self.frequency**2 * self.amplitude
         return self._vector(size * across * np.cos(angle), -size * up * np.sin(angle))
 
-    def pressure(self, time: ArrayLike, points: ArrayLike, density: float) -> Array:
-        """Dynamic pressure p (...) [Pa], without the hydrostatic -ρ g z; as `velocity`."""
-        angle, across, _ = self._at(time, points)
-        # C tanh kh = cosh k(z+h) / cosh kh; linear Bernoulli: p = ρ ω²/k A C sin θ.
-        size = density * self.frequency**2 / self.number * self.amplitude
-        return np.asarray(np.sum(size * across * np.sin(angle), axis=-1))
-
     def _angle(self, time: ArrayLike, x: ArrayLike, y: ArrayLike) -> Array:
         """θ (..., W)."""
         t, x, y = (np.asarray(value, float)[..., None] for value in (time, x, y))

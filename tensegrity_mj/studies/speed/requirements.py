@@ -234,6 +234,7 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
         if contact.rods:
             found.append("contact and constraint rows: the scene's rods may touch each other")
         found.append("exact diagonal of the constraints' inertia: so that each contact obeys the stated law")
+    water = "water, which finds each rod's acceleration with its added mass" if scene.adding_mass else "forces of water"
     callbacks = (
         (np.any(structure.damping > 0), "the string law: the damper of a slack string must not act"),
         (any(len(one.curve) > 1 for one in structure.strings), "tension curves: controls that make up for them"),
@@ -242,7 +243,7 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
             scene.resistance or any(point.damping for point in structure.point_masses),
             "what resists motion: the scene has resistance, or dampers on nodes",
         ),
-        (scene.water, "water, which finds each rod's acceleration with its added mass: the scene has water"),
+        (scene.water, f"{water}: the scene has water"),
         (structure.constraints, "linear constraints on nodes: MuJoCo has none, and their forces are found there"),
         (scene.breaks, "breaking strings"),
     )

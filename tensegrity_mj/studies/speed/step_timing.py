@@ -30,12 +30,11 @@ from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import STEP
-from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.contact import rod_gaps
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.simulation import request_for
 from tensegrity_mj.vibration.stable_step import stable_step
 
 ROUNDS = 60

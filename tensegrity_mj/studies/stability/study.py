@@ -20,7 +20,6 @@ from tensegrity_mj.vibration.stable_step import StableStep, stable_step
 MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
 USUAL_MOST = 100.0
 DRAWN = {"random": "random taut structures", "joined": "random structures whose rods share nodes"}
-STILL = 1e-6  # [1/s]: a slower ω is the round-off of nothing that vibrates: steps are tried up to the scene's duration
 AGREEMENT = 0.1  # of the measured limit
 # Rods above which runs have fewer steps. A hundred still resolve the limit to 1 %: beyond it by ε a motion of 1e-11 of
 # the size, which must pass 3e-9 to count, grows by exp(100 · 7 ε) in Runge-Kutta's runs and by more in the others'.
@@ -44,13 +43,15 @@ def steps_for(rods: int) -> int:
 def at_rest(scene: Scene, name: str) -> dict[str, Any]:
     """Predicted and measured limit of one engine for a scene that stands still; null is no limit up to `largest`.
 
+    A limit beyond the scene's duration, as of what nothing holds, is no limit: steps are tried up to the duration.
+
     With rods that close loops the motion without a perturbation is simulated, too: MuJoCo's constraints settle first.
     """
     found, most = stable_step(scene, engine_of(name, 1.0)), MOST.get(name, USUAL_MOST)
     measured = measured_limit(
         scene,
         lambda step: engine_of(name, step),
-        found.omega if found.omega > STILL else 2 * most / scene.duration,
+        found.omega if found.limit < scene.duration else 2 * most / scene.duration,
         equilibrium=not spanning_forest(scene.structure).closures,
         steps=steps_for(len(scene.structure.rods)),
         most=most,

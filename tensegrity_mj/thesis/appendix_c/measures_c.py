@@ -55,12 +55,6 @@ def stiffness(run: BeamRun, label: str) -> Array:
     return run.of(label, "K").astype(float) / 1e3
 
 
-def stress_rate(run: BeamRun, label: str) -> float:
-    """[MPa/m] by which the largest stress of a rod has risen at the end of the axis."""
-    stress, w = run.of(label, "stress"), run.of(label, "w")
-    return float((stress[-1] - stress[0]) / (w[-1] - w[0]) / 1e6)
-
-
 def buckling(run: BeamRun, label: str) -> Buckling:
     """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
     K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))

@@ -14,7 +14,7 @@ import numpy as np
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
-from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections, rod_forces
+from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.engine_names import engine_of
@@ -45,7 +45,7 @@ def measured(run: Trajectory, transient: float) -> dict[str, Any]:
         )
     points = centres(run.nodes, interconnections(run.scene.structure))
     D, steady = distances_from_line(points), run.time > transient
-    forces, axis = rod_forces(run), points[:, -1] - points[:, 0]
+    forces, axis = run.rod_forces, points[:, -1] - points[:, 0]
     rows, worst, structure = _snapshots(run), int(D.max(axis=1).argmax()), run.scene.structure
     return {
         "largest": float(D.max()),

@@ -66,11 +66,6 @@ def largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) 
     return float(values.max() if second is None else values[about(run, second)].max())
 
 
-def ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
-    """The largest amplitude about the first eigenfrequency over that about the second."""
-    return largest(run, marker, axis, False) / largest(run, marker, axis, True)
-
-
 def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
     """Whether a peak is in a range [Hz], or `BESIDE` it."""
     return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)

@@ -1,11 +1,15 @@
-"""Which errors the numbers and statements notice: plants (or laws) in error, judged again.
+"""Find which errors the ledger's numbers and statements notice: tensegrity_mj/thesis/tables/sensitivity.json.
 
-A row notices an error if its verdict is another one then: what was reproduced differs, what differs leaves the
-recorded difference, or its runs stop. Each error is tried in both directions, in the DAE, or in statics.
+    .venv/bin/python scripts/sensitivity.py 4 5 6 --out errors/  # the rows of these chapters or figures; all by default
+
+Plants (or laws) in error are judged again; runs that are in the folder are not computed again. A row notices an error
+if its verdict is another one then: what was reproduced differs, what differs leaves the recorded difference, or its
+runs stop. Each error is tried in both directions, in the DAE, or in statics.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,6 +25,7 @@ from tensegrity_mj.thesis.ledger import Verdict, judge
 from tensegrity_mj.thesis.reproduction import RUNS, WHOLES, compute_runs
 from tensegrity_mj.thesis.runs import Computed
 from tensegrity_mj.thesis.statement import Statement
+from tensegrity_mj.thesis.tables import SENSITIVITY
 
 SIZES = (10, 1)  # %
 ENGINES = (EngineName.DAE, EngineName.STATICS)
@@ -109,3 +114,14 @@ def _merged(usual: Computed, other: Computed) -> Computed:
         for engine, own in usual.runs.items()
     }
     return Computed(runs, {**usual.failures, **other.failures})
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("figures", nargs="*", metavar="FIGURE", help="such as 5.4, or a chapter such as 5 or C (all)")
+    parser.add_argument("--out", metavar="FOLDER", default="reproduction", help="of the runs (reproduction)")
+    parser.add_argument("--workers", type=int, metavar="N", help="runs at a time (all cores)")
+    given = parser.parse_args()
+    table = sensitivity(given.figures, given.out, SENSITIVITY, workers=Workers(given.workers), progress=True)
+    for name, found in table["rows"].items():
+        print(f"{name}: {', '.join(f'{what} {size} %' for what, size in found.items()) or 'nothing'}")

@@ -1,47 +1,51 @@
-"""The study in the documentation: a picture a scene, and sentences and a table between two marks of a Markdown file."""
+"""Write scenes of docs/tradeoff.md anew: a picture each, and sentences and a table between two marks.
+
+    tensegrity-mj tradeoff prism cross --out tradeoff/
+    .venv/bin/python scripts/tradeoff.py tradeoff/*/tradeoff.json
+
+What stands there of other scenes stays.
+"""
 
 from __future__ import annotations
 
 import io
-import os
+import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import checked, made_folder, replacing, write_text
+from tensegrity_mj.basics.files import made_folder, replacing, write_text
 from tensegrity_mj.basics.texts import file_name, markdown_table
-from tensegrity_mj.errors import FormatError, OptionError
+from tensegrity_mj.errors import FormatError
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 from tensegrity_mj.studies.tradeoff.options import BUDGET
 
 Data = Mapping[str, Any]
 
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 TEXT, PICTURES = "tradeoff.md", "tradeoff"
-BEGIN, END = "<!-- scene {name}: made by tensegrity-mj tradeoff {name} --docs -->", "<!-- end of scene {name} -->"
+BEGIN, END = "<!-- scene {name}: made by scripts/tradeoff.py -->", "<!-- end of scene {name} -->"
 DPI = 90
 COLORS = 128  # of a picture in the documentation, to keep it small
 
 
-def write_docs(folder: str | os.PathLike[str], studies: Sequence[Data]) -> list[Path]:
-    """Write the pictures and the parts of tradeoff.md of some scenes; what stands there of others stays.
+def write_docs(folder: Path, studies: Sequence[Data]) -> list[Path]:
+    """Write the pictures and the parts of tradeoff.md of some scenes.
 
     Raises:
-        OptionError: a folder without a tradeoff.md, or that cannot be written.
         FormatError: a file whose marks are damaged.
     """
-    place = Path(folder)
-    text_path = checked(place / TEXT, (".md",), "docs")
-    if not text_path.is_file():
-        raise OptionError(f"--docs {folder}: there is no {TEXT} in it; name the folder of the documentation")
-    made_folder(place / PICTURES)
+    made_folder(folder / PICTURES)
+    text_path = folder / TEXT
     text = text_path.read_text(encoding="utf-8")
     written = []
     for data in studies:
         name = file_name(data["scene"]["name"])
         picture = None
         if has_diagram(data):
-            picture = place / PICTURES / f"{name}.png"
+            picture = folder / PICTURES / f"{name}.png"
             _write_picture(picture, data)
             written.append(picture)
         text = replaced(text, name, part(data, picture is not None), str(text_path))
@@ -61,7 +65,7 @@ def replaced(text: str, name: str, own: str, where: str) -> str:
     head, found, rest = text.partition(begin)
     _, also, tail = rest.partition(end)
     if not found or not also or begin in rest:
-        raise FormatError(f"{where}: the marks of scene '{name}' are damaged; delete both and run the command again")
+        raise FormatError(f"{where}: the marks of scene '{name}' are damaged; delete both and run this again")
     return head + block + tail
 
 
@@ -101,3 +105,8 @@ def _write_picture(path: Path, data: Data) -> None:
         small = image.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     with replacing(path) as new:
         small.save(new, format="PNG", optimize=True)
+
+
+if __name__ == "__main__":
+    for path in write_docs(DOCS, [json.loads(Path(name).read_text(encoding="utf-8")) for name in sys.argv[1:]]):
+        print(f"wrote {path}")
