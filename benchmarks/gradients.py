@@ -4,6 +4,8 @@
     step        CPU time a step beside MuJoCo and the DAE at the same step, and of reverse derivatives over the run
     memory      of reverse derivatives over 10,000 steps, as XLA plans it, by steps a recorded row
     many        steps a second of `simulate_many` as ratios to MuJoCo's, 1,024 prisms under their law on two threads
+    single      `--only single --count 10000`: the same runs in 32 bits on whatever device JAX finds, their rate and
+                their error; and a thousand in 64 bits
 
 Ratios are medians of interleaved turns in one process, with the least and the most.
 """
@@ -19,6 +21,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import tensegrity_mj as tmj
 
@@ -140,9 +143,34 @@ def many(repeats: int, count: int, steps: int, threads: int) -> None:
         )
 
 
+def single(repeats: int, count: int, steps: int) -> None:
+    """Steps a second in 32 and in 64 bits of runs of the prism under its law, and the largest error of 32 bits.
+
+    32 bits are set for all of JAX while a program is made, traced and run.
+    """
+    (scene, law), (device, *_) = scenes()["prism with its law"], jax.devices()
+    print(f"{device.platform}: {device.device_kind}", flush=True)
+    starts = tmj.simulate(scene, law, tmj.MuJoCo(H), duration=1.0)
+    places = np.linspace(0, len(starts.time) - 1, count).astype(int)
+    found = {}
+    for bits, number in ((64, min(count, 1024)), (32, count)):
+        jax.config.update("jax_enable_x64", bits == 64)
+        model = tmj.JAX(**ENGINE).model(scene, law, duration=steps * H, output_interval=steps * H)
+        at = places[:number] if bits == 64 else places
+        batch = {"nodes": starts.nodes, "velocities": starts.velocities}
+        given = model.parameters | {name: np.moveaxis(rows[at], 0, -1) for name, rows in batch.items()}
+        given = jax.device_put(jax.tree.map(jnp.asarray, given))
+        run = jax.jit(lambda p, model=model: model.run(p).nodes[-1])
+        found[bits] = np.asarray(run(given), float)[..., : min(count, 1024)]  # compiles
+        rates = [number * steps / timed(partial(run, given), time.perf_counter) for _ in range(repeats)]
+        print(f"{number} prisms, {steps} steps, {bits} bits: {statistics.median(rates):,.0f} steps/s", flush=True)
+    jax.config.update("jax_enable_x64", True)
+    print(f"32 bits are off by {np.abs(found[32] - found[64]).max():.1e} m at most after {steps * H:g} s", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=["compile", "step", "memory", "many"], nargs="+")
+    parser.add_argument("--only", choices=["compile", "step", "memory", "many", "single"], nargs="+")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--count", type=int, default=1024)
     parser.add_argument("--steps", type=int, default=500, help="of each of many")
@@ -151,6 +179,7 @@ def main() -> None:
     parts: dict[str, Callable[[], None]] = {
         "step": lambda: step_times(options.repeats),
         "many": lambda: many(options.repeats, options.count, options.steps, options.threads),
+        "single": lambda: single(options.repeats, options.count, options.steps),
         "memory": memory,
         "compile": compile_times,  # last: it turns off what is kept
     }

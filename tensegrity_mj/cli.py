@@ -39,6 +39,7 @@ from tensegrity_mj.commands.common import ExitCode, Outcome, warn
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 from tensegrity_mj.errors import (
     DivergenceError,
+    IdentificationWarning,
     InfeasibleError,
     MissingLibraryError,
     OptionError,
@@ -175,12 +176,12 @@ def _stdout_to_stderr() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _warnings_in_one_line() -> Iterator[None]:
-    """Print warnings of steps as `warn` does: Python would add the path and the line of our code that simulates."""
+    """Print warnings of steps and fits as `warn` does: Python would add the path and the line of our code."""
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, StabilityWarning):
+            if issubclass(category, (StabilityWarning, IdentificationWarning)):
                 warn(str(message))
             else:
                 usual(message, category, *place, **more)

@@ -78,6 +78,10 @@ class IdentificationWarning(UserWarning):
     """Parameters that measurements do not see, reported before they are fitted."""
 
 
+class DerivativeWarning(UserWarning):
+    """Derivatives of a run that may miss the jump of a damped string that comes taut."""
+
+
 MOST_LETTERS = 600  # of a message
 
 

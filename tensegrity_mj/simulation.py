@@ -13,14 +13,13 @@ from typing import Any, Protocol
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts
-from tensegrity_mj.basics.checks import instance, member, positive
-from tensegrity_mj.dynamics.native.law import Law, native_law
-from tensegrity_mj.engines.request import Request
+from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
-from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
-from tensegrity_mj.model.moved_supports import check_motions_until
+from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.redundancy import approached
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -94,7 +93,7 @@ def simulate(
         run.reports["stability"] = checked
         if may_be_the_step(run, engine, law, actuation):
             run.reports["stability"]["along_the_run"] = "not looked at; vibration.step_warnings.explain_warnings does"
-    run.provenance.update(provenance_of(request))
+    run.provenance.update(provenance_of(request, engine))
     return run
 
 
@@ -114,65 +113,24 @@ def simulate_as_far(
         return replace(error.trajectory, status=Status.DIVERGED, message=str(error))
 
 
-def request_for(
-    scene: Scene,
-    controller: Law | Callable[..., ArrayLike] | None,
-    duration: float | None,
-    actuation: Actuation | None,
-    on_infeasible: OnInfeasible,
-    output_interval: float | None,
-    progress: bool,
-) -> Request:
-    """A request to an engine, checked; the arguments are those of `simulate`.
-
-    Raises:
-        OptionError: for options that are out of range or contradict each other.
-        SceneError: where a support's motion, given as data, ends on its way within the run.
-    """
-    actuation = actuation or Actuation.continuous()
-    instance("actuation", actuation, Actuation, "use Actuation.continuous() or one of the hold modes")
-    member("on_infeasible", on_infeasible, OnInfeasible)
-    total = scene.duration if duration is None else duration
-    total = positive("duration", total, "s")
-    if output_interval is not None:
-        output_interval = positive("output_interval", output_interval, "s")
-    if output_interval is not None and output_interval > total * (1 + 1e-12):
-        raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
-    check_motions_until(scene, total)
-    law = native_law(controller, scene.structure)
-    if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
-        raise OptionError(law.discontinuous)
-    if controller is None and actuation.mode is not Mode.CONTINUOUS:
-        raise OptionError(f"actuation '{actuation.mode.value}' without a law: there is nothing to sample; leave it out")
-    if law.period is not None and actuation.period is not None and abs(actuation.period / law.period - 1) > 1e-9:
-        raise OptionError(
-            f"control period = {actuation.period:g} s: the law (or its recording) has samples each {law.period:g} s; "
-            "use that period"
-        )
-    return Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
-
-
-def provenance_of(request: Request) -> dict[str, Any]:
+def provenance_of(request: Request, engine: Any = None) -> dict[str, Any]:
     """What a run keeps of its request."""
     return {
         "controller": request.law.description,
         "on_infeasible": request.on_infeasible.value,
         "duration": request.duration,
-        "versions": versions(),
+        "versions": versions(engine),
     }
 
 
-def versions() -> dict[str, Any]:
-    """Versions that decide the numbers."""
-    return {"python": platform.python_version(), **_installed()}
+def versions(engine: Any = None) -> dict[str, Any]:
+    """Versions that decide the numbers, of an engine too that comes with an extra."""
+    more = ("jax", "diffrax") if hasattr(engine, "descriptor") and engine.descriptor.extra == "jax" else ()
+    names = ("tensegrity-mj", "mujoco", "numpy", "scipy", "numba", *more)
+    return {"python": platform.python_version(), **{name: _release(name) for name in names}}
 
 
-@cache
-def _installed() -> dict[str, str | None]:
-    """Versions of packages; to look them up takes as long as a short run."""
-    return {name: _release(name) for name in ("tensegrity-mj", "mujoco", "numpy", "scipy", "numba")}
-
-
+@cache  # to look one up takes as long as a short run
 def _release(name: str) -> str | None:
     """What `importlib.metadata.version` gives, without parsing all the rest, which takes 2 MB."""
     try:

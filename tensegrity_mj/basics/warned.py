@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
+from contextlib import nullcontext
+from typing import Any
 
 INSIDE = "tensegrity_mj."
 
@@ -13,4 +15,6 @@ def warn_caller(text: str, category: type[Warning]) -> None:
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(INSIDE):
         level, frame = level + 1, frame.f_back
-    warnings.warn(text, category, stacklevel=level)
+    bars: Any = getattr(sys.modules.get("tqdm"), "tqdm", None)  # whose line is cleared meanwhile
+    with bars.external_write_mode(sys.stderr) if getattr(bars, "_instances", ()) else nullcontext():
+        warnings.warn(text, category, stacklevel=level)

@@ -66,6 +66,7 @@ def examine() -> list[Check]:
         check_python(),
         *check_packages(),
         check_dm_control(),
+        probed("jax"),
         probed("compiler"),
         probed("cache"),
         check_opengl(),

@@ -1,4 +1,4 @@
-"""Find parameters of a scene from measurements: what these can tell, estimates with intervals, and a page."""
+"""Find parameters of a scene from measurements: what these determine, estimates with intervals, and a page."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ def share(text: str) -> float:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Fit, and write what the options name; whatever can be refused is refused before."""
+    from tensegrity_mj.studies.identification.measurements import measured_together
+
     experiment.check_control(options)
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     refuse(options, ("output-interval", "on-infeasible"), "means nothing here: runs are seen when it was measured")
@@ -36,7 +38,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise OptionError("--sigma: a quantity is given twice; give each once")
     found = studies.identify(
         scene,
-        [studies.measured(path, options.members, **dict(sigmas)) for path in options.data],
+        measured_together(options.data, options.members, dict(sigmas)),
         options.parameter,
         experiment.engine_of(options.engine, options),
         law=None if options.law is None else experiment.law_of(options, scene),

@@ -186,7 +186,7 @@ ENGINES = {
         "tensegrity_mj.engines.jax.engine:JAX",
         {"method": "rk4"},
         (
-            _NO_CONTACT,
+            Limit(CONTACT, "no array function states its forces", _WITHOUT_CONTACT, OptionError),
             Limit(NO_ARRAYS, "it acts by functions of arrays, which JAX compiles and differentiates", "leave it out"),
             Limit(ELEMENT_STATES, "array functions are of positions, velocities and time alone", "leave it out"),
             Limit(FUNCTION_LOADS, "JAX cannot look into a Python function", "give them as `Load`s, or as an element"),

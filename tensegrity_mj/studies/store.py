@@ -69,6 +69,8 @@ class Store:
     def stopped(self, finished: str) -> str:
         """How many points are kept when the study is stopped, for {} in what is `finished`, and how to go on."""
         if self.folder is None or self._file is None:
+            if not self.outcomes:
+                return "nothing is kept: give a folder to go on from there another time"
             return f"{finished.format(len(self.outcomes))} and lost: give a folder to keep them"
         # The file counts: an interrupt may have come when a point was there, and not yet among the outcomes.
         self.outcomes = _recovered(self._file)

@@ -32,7 +32,8 @@ def test_this_machine_has_what_simulation_needs() -> None:
 
 def test_every_failure_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))
-    for check in (probed("compiler"), check_opengl()):
+    assert "JAX" in {check.name for check in examine()}
+    for check in (probed("compiler"), check_opengl(), probed("jax")):
         assert not check.works
         assert "broken on purpose" in check.found
         assert check.remedy

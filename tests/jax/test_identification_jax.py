@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import time
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +17,8 @@ pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
 import tensegrity_mj as tmj
+from tensegrity_mj.commands import doctor
+from tensegrity_mj.engines.jax import program
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.errors import IdentificationWarning, OptionError
 from tensegrity_mj.runs import Table
@@ -25,6 +29,7 @@ from tensegrity_mj.studies.identification.predictions import predictions_of
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Array = np.ndarray
+REST_LENGTH = tmj.Command.REST_LENGTH
 DRAWS = 200
 SPLIT = 1e-3  # of all seeds that binomial bounds are wide enough for, in each tail
 
@@ -125,6 +130,67 @@ def test_a_damped_string_that_comes_taut_is_reported() -> None:
     unknowns = Unknowns.of(scene, ["structure.strings.damping"])
     with pytest.warns(IdentificationWarning, match=r"'string' has a damper and comes taut: .* JAX\(window=2e-3\)"):
         predictions_of(unknowns, seen, tmj.JAX()).jacobian(unknowns.start)
+    with warnings.catch_warnings():  # of fixed steps derivatives have a window by themselves
+        warnings.simplefilter("error", IdentificationWarning)
+        predictions_of(unknowns, seen, tmj.JAX(method="rk4", timestep=2e-3)).jacobian(unknowns.start)
+
+
+def test_ctrl_c_waits_until_the_derivatives_are_compiled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Raised in the middle, it would end the process while XLA's threads are at work."""
+    scene, done, compiled = bob(2.0, duration=0.5), [], program.compiled
+    run = tmj.simulate(scene, engine="dae", output_interval=0.5)
+
+    def interrupted(*given: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        done.append(compiled(*given))
+        return done[0]
+
+    monkeypatch.setattr(program, "compiled", interrupted)
+    monkeypatch.setattr(program, "QUIET", 0.0)
+    with pytest.raises(KeyboardInterrupt, match="nothing is kept"):
+        identify(scene, run, ["structure.strings.damping"], tmj.JAX(window=2e-3))
+    assert done
+    assert "tensegrity-mj: JAX " in capsys.readouterr().err
+
+
+def hung() -> tmj.Scene:
+    """A mass of 1 kg on a string that stays taut."""
+    nodes = {"a": (0.0, 0.0, 1.0), "b": (0.3, 0.0, 0.0)}
+    string = tmj.String("s", ("a", "b"), 50.0, rest_length=0.9, damping=1.0)
+    return tmj.Scene(tmj.Structure("hung", nodes, (), (string,), ("a",), point_masses=(tmj.PointMass("b", 1.0),)))
+
+
+def test_one_instant_is_enough_and_versions_are_those_of_jax_too() -> None:
+    scene = hung()
+    run = tmj.simulate(scene, engine="dae", duration=0.3, output_interval=0.3)
+    seen = Table(run.time[1:], tuple(scene.structure.node_names), run.nodes[1:])
+    found = identify(scene, measured(seen, ["b"], nodes=1e-3), ["structure.strings[s].stiffness=45"], tmj.JAX())
+    # Both engines are within 1e-9 m of the exact run; 50 N/m more or less move the mass by 0.1 m or so.
+    assert found.values["structure.strings[s].stiffness"] == pytest.approx(50.0, abs=1e-5)
+    assert found.data["versions"]["jax"]
+    assert found.data["versions"]["diffrax"]
+    assert "jax" not in tmj.simulate(scene, engine="dae", duration=0.1).provenance["versions"]
+    assert doctor.probed("jax").works
+
+
+@pytest.mark.parametrize("hold", [None, tmj.Actuation.hold_rest_length, tmj.Actuation.hold_force_density])
+def test_fixed_steps_and_held_laws_see_what_the_dae_sees_between_steps(hold: Any) -> None:
+    """Both interpolate samples 1 ms apart alike; steps of 1 ms are off by (ω h)⁴ = 2.5e-9 of what moves."""
+    scene = hung()
+    law = tmj.engines.ArrayPolicy(lambda p, t, x, v: p["rest"] * (1 - t), {"rest": np.array([0.9])}, REST_LENGTH)
+    how = (law, hold(0.01)) if hold else ()
+    times = np.array([0.0137, 0.0552, 0.0836])
+    table = Table(times, ("b",), np.zeros((3, 1, 3)), tensions={"s": times}, lengths={"s": times})
+    seen = Observation.of(scene.structure, measured(table, nodes=1.0, tensions=1.0, lengths=1.0))
+    unknowns = Unknowns.of(scene, ["structure.strings[s].stiffness", "structure.point_masses[b].mass"])
+    ours, theirs = (
+        predictions_of(unknowns, seen, engine, *how) for engine in (tmj.JAX(method="rk4", timestep=1e-3), tmj.DAE())
+    )
+    values = unknowns.start
+    assert ours.predict(values) == pytest.approx(theirs.predict(values), abs=1e-8)
+    assert ours.jacobian(values) * unknowns.sizes == pytest.approx(theirs.jacobian(values) * unknowns.sizes, abs=1e-5)
 
 
 @pytest.mark.study

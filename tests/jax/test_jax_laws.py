@@ -346,7 +346,19 @@ def test_what_is_no_array_law_is_refused():
         array_law(plain, scene.structure)
     few = ArrayPolicy(lambda p, t, x, v: jnp.ones(3), {})
     with pytest.raises(OptionError, match=r"law <lambda>: it returned shape \(3,\); it must return \(12,\)"):
-        array_law(few, scene.structure).command({}, 0.0, scene.nodes0, scene.velocities0)
+        array_law(few, scene.structure)
+    ones = jnp.ones(12)
+    for function, parameters in (
+        (lambda p, t, x, v: ones if t > 0 else 2 * ones, {}),
+        (lambda p, t, x, v: float(x[0, 0]) * ones, {}),
+        (lambda p, t, x: ones, {}),
+        (lambda p, t, x, v: p["gain"] * ones, {}),
+        (lambda p, t, x, v: p["gain"] * ones, {"gain": "much"}),
+    ):
+        with pytest.raises(OptionError, match="law <lambda>: it failed within JAX: "):
+            array_law(ArrayPolicy(function, parameters), scene.structure)
+    listed = array_law(ArrayPolicy(lambda p, t, x, v: [t] * 12, {}), scene.structure)
+    np.testing.assert_array_equal(listed.command({}, 0.5, scene.nodes0, scene.velocities0)[0], np.full(12, 0.5))
     law = from_scene(tmj.load_scene("pinned_rod"))
     with pytest.raises(OptionError, match="other nodes or strings"):
         array_law(law, scene.structure)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import json
+import re
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,8 +17,10 @@ import caught_mass
 import numpy as np
 import pytest
 from scipy import stats
+from tqdm import tqdm
 
 import tensegrity_mj as tmj
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import IdentificationWarning, OptionError
 from tensegrity_mj.runs import Table
@@ -257,6 +262,7 @@ def test_of_two_dampers_of_one_motion_their_sum_alone_is_seen() -> None:
     assert "do not see" in repr(found)
     with pytest.warns(IdentificationWarning, match="held at their starts"):
         held = identify(scene, data, paths, tmj.DAE(), options=FitOptions(hold_unseen=True))
+    assert re.search(r"damping +0.2 +0.2 +none +held at its start", repr(held))
     row = next(row for row in held.data["parameters"] if not row["note"])
     assert abs(sum(held.values.values()) - 0.6) < 4 * row["deviation"]
     # As one value of both it is seen, and so are tensions' own.
@@ -340,6 +346,23 @@ def test_lengths_and_tensions_at_times_of_their_own_are_fitted(run: tmj.Trajecto
     assert found.scene.structure.strings[0].stiffness == pytest.approx(20.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("apart", [1e-6, 1e-9])
+def test_two_clocks_a_moment_apart_take_no_more_samples(run: tmj.Trajectory, apart: float) -> None:
+    """Interpolated over h = 1 ms: positions to h⁴/384 d⁴n/dt⁴, tensions to h² T''/8, as above."""
+    times = np.sort(np.concatenate([np.arange(1, 11) * 0.1, np.arange(1, 11) * 0.1 + apart]))
+    fine = tmj.simulate(run.scene, engine="dae", output_interval=1e-4, duration=1.1)
+    at = np.searchsorted(fine.time, times - 1e-5)
+    names, pulls = tuple(fine.scene.structure.node_names), {"s1": fine.tension("s1")[at]}
+    table = Table(times, names, fine.nodes[at], tensions=pulls)
+    seen = Observation.of(run.scene.structure, measured(table, nodes=1e-3, tensions=0.01))
+    model = predictions_of(Unknowns.of(run.scene, ["structure.strings[s1].stiffness"]), seen, tmj.DAE())
+    assert model._grid[1] == 1e-3
+    off = model.predict(model.unknowns.start) - seen.values
+    # Where `apart` is 1e-6 s, what the table has is at the sample before: at 0.3 m/s and 3 N/s.
+    assert np.abs(off[seen.columns < 18]).max() < 1e-8 + apart
+    assert np.abs(off[seen.columns >= 18]).max() < 2.5e-5 + 10 * apart
+
+
 def test_a_fit_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = between_walls()
     data = noisy(tmj.simulate(scene, engine="dae", output_interval=0.05), 6)
@@ -352,7 +375,14 @@ def test_a_fit_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.
             raise KeyboardInterrupt
         return simulate(*args, **options)
 
+    def interrupted(*args: Any, **options: Any) -> Any:
+        raise KeyboardInterrupt
+
     monkeypatch.setattr(predictions, "simulate", stopped)
+    with monkeypatch.context() as at_once:
+        at_once.setattr(predictions, "simulate", interrupted)
+        with pytest.raises(KeyboardInterrupt, match=r"^nothing is kept: give a folder"):
+            identify(scene, data, paths, tmj.DAE())
     with pytest.raises(KeyboardInterrupt, match="kept in"):
         identify(scene, data, paths, tmj.DAE(), folder=tmp_path)
     first = next(counted)
@@ -401,6 +431,44 @@ def test_parameters_that_mean_nothing_are_refused(text: str, run: tmj.Trajectory
         identify(run.scene, run, [text, *more])
 
 
+def test_what_is_of_another_kind_is_refused(run: tmj.Trajectory) -> None:
+    path = ["structure.strings.stiffness"]
+    for given, options, message in (
+        ((run, [3]), {}, "parameters = 3; use a Parameter"),
+        ((run, path[0]), {}, "parameters = 'structure.strings.stiffness'.* sequence"),
+        ((run, path), {"options": {"level": 0.9}}, r"options = .*; use FitOptions\(...\)"),
+        ((np.array([0.4, 0.5]), path), {}, r"measurements = array\(\[0.4, 0.5\]\); use a run"),
+    ):
+        with pytest.raises(OptionError, match=message):
+            identify(run.scene, *given, **options)
+    with pytest.raises(OptionError, match=r"members = 'n1'.* sequence"):
+        measured(run, "n1")
+
+
+def test_numbers_that_are_infinite_or_too_few_are_refused(run: tmj.Trajectory) -> None:
+    table = noisy(run, 0)
+    moved = table.positions.copy()
+    moved[3, 1, 2] = np.inf
+    with pytest.raises(OptionError, match=rf"{table.nodes[1]}.z at 0.09 s is inf; NaN marks"):
+        identify(run.scene, Table(table.time, table.nodes, moved), ["structure.strings.stiffness"])
+    pull = Table(run.time[[0, 5]], (), np.zeros((2, 0, 3)), tensions={"s1": run.tension("s1")[[0, 5]]})
+    names = ["structure.strings[s1].stiffness", "structure.strings[s2].stiffness"]
+    with pytest.raises(OptionError, match="2 numbers do not determine 2 parameters and the noise"):
+        identify(run.scene, pull, names, tmj.DAE())
+    with pytest.warns(IdentificationWarning):  # noise that is known leaves the third to its prior
+        found = identify(run.scene, measured(pull, tensions=0.01), [*names, "structure.rods[rod2].mass"], tmj.DAE())
+    assert found.data["degrees"] == -1
+
+
+def test_a_warning_is_a_line_of_its_own_beside_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", screen := io.StringIO())
+    with tqdm(desc="fit", file=sys.stderr), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        monkeypatch.setattr(warnings, "showwarning", lambda message, *_: screen.write(f"{message}\n"))
+        warn_caller("not seen", IdentificationWarning)
+    assert "\rnot seen\n" in screen.getvalue()
+
+
 def test_measurements_that_mean_nothing_are_refused(run: tmj.Trajectory) -> None:
     path, table = ["structure.strings.stiffness"], noisy(run, 0)
     strange = Table(table.time, ("n9",), table.positions[:, :1])
@@ -437,6 +505,20 @@ def test_the_command_fits_and_writes(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert found["parameters"][0]["value"] == pytest.approx(30.0, rel=1e-6)
     assert tmj.load_scene(tmp_path / "found.toml").structure.strings[0].stiffness == found["parameters"][0]["value"]
     assert (tmp_path / "fit" / "identification.html").is_file()
+    # Of several files, each takes what it has; what the data do not see is said in a line.
+    (tmp_path / "lengths.csv").write_text("time,s1.length\n0.1,1.0\n0.5,1.1\n", encoding="utf-8")
+    (tmp_path / "pulls.csv").write_text("time,s1.tension,s2.tension\n0.2,12,12\n0.5,15,9\n", encoding="utf-8")
+    command = f"identify {tmp_path}/scene.toml --data {tmp_path}/lengths.csv --data {tmp_path}/pulls.csv --engine dae"
+    command += " --sigma lengths=1e-3 --sigma tensions=0.1 --members s1"
+    unseen = "--parameter structure.strings.damping=0.2 --parameter structure.nodes[b].y --hold-unseen".split()
+    assert main([*command.split(), *unseen, "--json"]) == 0
+    answer = capsys.readouterr()
+    assert [one["label"] for one in json.loads(answer.out)["series"]] == ["s1.length", "s1.tension"]
+    assert "\nwarning: the measurements do not see" in f"\n{answer.err}"
+    assert main([*command.replace("--sigma tensions", "--sigma nodes").split(), *unseen]) == 2
+    assert "no quantity 'nodes'" in capsys.readouterr().err
+    assert main([*command.replace("--members s1", "--members s3").split(), *unseen]) == 2
+    assert "no node or string 's3'" in capsys.readouterr().err
     for wrong, message in (
         ("--sigma 1e-3 --sigma 2e-3", "--sigma: a quantity is given twice"),
         ("--sigma 1mm", "1mm"),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tensegrity_mj.basics.dependencies import optional
 
-jax, _ = (optional(package, "the engine JAX", "'tensegrity-mj[jax]'") for package in ("jax", "diffrax"))
+jax, _ = (optional(package, "the engine JAX", "'.[jax]' in its checkout") for package in ("jax", "diffrax"))
 jax.config.update("jax_enable_x64", True)  # before any array is made: rods of 32 bits lose their lengths
 if jax.config.jax_compilation_cache_dir is None:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tensegrity-mj" / "jax"

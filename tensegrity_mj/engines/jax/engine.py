@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import positive as positive_number
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, number, positive, whole
+from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.jax.integrate import Tolerances
 from tensegrity_mj.engines.jax.program import Program
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import Accelerations, Request, request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import DerivativeWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
@@ -57,7 +59,7 @@ class JAX:
         max_steps: of DOPRI8, before the run is given up.
         window: [s] over which derivatives spread the jump of tension with which a damped string comes taut
             (docs/gradients.md); four steps of RK4 by default. DOPRI8 takes four steps within it, and by default has
-            none: its derivatives are right where no damped string comes taut.
+            none: its derivatives are right where no damped string comes taut, and `model` warns of such strings.
     """
 
     descriptor = ENGINES["jax"]
@@ -125,21 +127,45 @@ class JAX:
             times: (T,) [s] at which the run is recorded in place of `output_interval`, rising from 0 or later; of
                 DOPRI8 alone. The last is the run's duration.
 
+        Warns:
+            DerivativeWarning: of damped strings, whose jumps derivatives miss where they come taut, with DOPRI8 and
+                no `window`; not for a window of 0.
+
         Raises:
             SceneError, StructureError, OptionError: as `simulate`.
         """
+        instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(self, scene)
+        if controller is not None and (isinstance(controller, type) or not callable(controller)):
+            raise OptionError(
+                f"controller = {value_text(controller)}; use a law, as controllers.from_scene(scene, name)"
+            )
+        found = None
         if times is not None:
-            times = np.asarray(times, float)
-            rising = times.ndim == 1 and len(times) > 1 and times[0] >= 0 and np.all(np.diff(times) > 0)
-            if self.method is Method.RK4 or not rising:
-                raise OptionError("times: two or more must rise from 0 s or later; RK4 has output_interval")
-            duration = float(times[-1])
-        law = NativeLaw(0, 0, (), own=controller)
-        total = scene.duration if duration is None else positive_number("duration", duration, "s")
-        check_motions_until(scene, total)
-        request = Request(scene, law, actuation or Actuation.continuous(), OnInfeasible.STOP, total, output_interval)
-        return Program(self, request, times)
+            found = self._instants(times, duration, output_interval)
+            duration = float(found[-1])
+        options = duration, actuation, OnInfeasible.STOP, output_interval, False
+        request = request_for(scene, controller, *options, lambda law, _: NativeLaw(0, 0, (), own=law))
+        structure = scene.structure
+        damped = np.flatnonzero((structure.damping > 0) & ~structure.curves.constant)
+        if len(damped) and self.method is Method.DOPRI8 and self.window is None:
+            warn_caller(
+                f"string '{structure.strings[damped[0]].name}' has a damper: where it comes taut in a run, derivatives "
+                "by DOPRI8 miss its jump; use window=2e-3 [s], or window=0 where no damped string comes taut",
+                DerivativeWarning,
+            )
+        return Program(self, request, found)
+
+    def _instants(self, times: ArrayLike, duration: float | None, output_interval: float | None) -> Array:
+        """`times` of `model` (T,), checked."""
+        if self.method is Method.RK4:
+            raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
+        if duration is not None or output_interval is not None:
+            raise OptionError("times: they have duration and output_interval in them; leave these out")
+        found = real_array("times", times, shape_of(times) or (2,), "s", scalar=False)
+        if found.ndim != 1 or len(found) < 2 or found[0] < 0 or np.any(np.diff(found) <= 0):
+            raise OptionError(f"times = {value_text(times)}; two or more must rise from 0 s or later")
+        return found
 
     def accelerations(self, request: Request) -> Accelerations:
         """Accelerations of the nodes at one state."""

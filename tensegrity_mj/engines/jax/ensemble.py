@@ -9,6 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import jax
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
@@ -59,7 +60,8 @@ class JAXEnsemble:
         self.members: list[_Member] = []
         self.stages, self.seconds = self.program.steps.stages, 0.0
         self.counters = np.zeros((len(requests), 2), np.int64)
-        wanted = range(min(threads or os.cpu_count() or 1, len(requests)), 0, -1)
+        alone = jax.default_backend() != "cpu"  # a GPU takes them all at once
+        wanted = range(min(1 if alone else threads or os.cpu_count() or 1, len(requests)), 0, -1)
         self.blocks = next(count for count in wanted if len(requests) % count == 0)  # of one size, on a thread each
 
     def run(self) -> None:

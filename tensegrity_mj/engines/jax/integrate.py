@@ -5,7 +5,8 @@ Either is made in pieces, each of which begins with a state at an instant and gi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +19,7 @@ from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, Sta
 
 TO_THE_END, GAVE_UP, UNDEFINED = range(3)  # how a piece ended: UNDEFINED where rates are not finite
 SHORTEST = 1e-30  # s, far below round-off of times: to such steps Dopri8 comes where it can go no further
-Split = Callable[[int], list[int]]  # how many rows in which pieces
+Split = Callable[[int], Iterable[int]]  # how many rows in which pieces
 
 
 class Piece(NamedTuple):
@@ -53,21 +54,20 @@ class FixedSteps:
     stages = 4
 
     def __init__(self, grid: Grid, breaks: Array) -> None:
-        self.grid, self.times = grid, grid.times
+        self.grid, self.times, self.stride = grid, grid.times, grid.stride
         within = breaks <= self.times[-1] * (1 + 1e-12)
         # The number of the step at whose start each string breaks.
         steps = np.round(np.where(within, breaks, 0.0) / grid.step)
         self.breaks: IntArray | None = np.where(within, steps, 2**53).astype(np.int64) if within.any() else None
 
-    def pieces(self, split: Split) -> list[Piece]:
+    def pieces(self, split: Split) -> Iterator[Piece]:
         """Of as many rows as `split` says; a shorter last row is a piece of its own."""
         rows, rest = divmod(self.grid.count, self.grid.stride)
-        found, first = [], 0
-        for kind in [(size, self.grid.stride) for size in split(rows)] + [(1, rest)] * (rest > 0):
+        first = 0
+        for kind in chain(((size, self.grid.stride) for size in split(rows)), [(1, rest)] * (rest > 0)):
             end = first + kind[0] * kind[1]
-            found.append(Piece(kind, first, slice(min(first, 1), None), end * self.grid.step))
+            yield Piece(kind, first, slice(min(first, 1), None), end * self.grid.step)
             first = end
-        return found
 
     def advance(
         self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, first: Any
@@ -122,7 +122,7 @@ class Tolerances(NamedTuple):
 class ControlledSteps:
     """Steps of Dopri8, recorded at times (T,), anew from where strings break, at times (M,), ∞ for never."""
 
-    stages = 13
+    stages, stride = 13, 1  # steps a row, as far as they are known
 
     def __init__(self, times: Array, breaks: Array, tolerances: Tolerances) -> None:
         near = times[np.argmin(np.abs(times - breaks[:, None]), axis=1)]
@@ -130,9 +130,9 @@ class ControlledSteps:
         self.breaks = np.where(np.abs(near - breaks) <= 1e-12 * near, near, breaks)
         self.times, self.tolerances = times, tolerances
 
-    def pieces(self, split: Split) -> list[Piece]:
+    def pieces(self, split: Split) -> Iterator[Piece]:
         """Of as many of the times as `split` says, and where strings break another one."""
-        found, start, before = [], 0.0, self.breaks > 0
+        start, before = 0.0, self.breaks > 0
         ends = np.unique([*self.breaks[before & (self.breaks <= self.times[-1])], self.times[-1]])
         if ends[-1] in self.breaks:  # what breaks at the end is recorded as broken
             ends = np.append(ends, np.nextafter(ends[-1], np.inf))
@@ -142,12 +142,16 @@ class ControlledSteps:
             for size in split(len(marks) - 1):
                 own = marks[first : first + size + 1]
                 # Where strings break, it is the piece behind that is recorded.
-                kept = np.isin(own, self.times) & ((own > own[0]) | (first == 0)) & ((own < end) | (end == ends[-1]))
+                low, high = np.searchsorted(self.times, own[[0, -1]])
+                kept = (
+                    np.isin(own, self.times[low : high + 1])
+                    & ((own > own[0]) | (first == 0))
+                    & ((own < end) | (end == ends[-1]))
+                )
                 given = own, before.astype(float), whole.astype(float)
-                found.append(Piece((len(own),), given, np.flatnonzero(kept), float(own[-1])))
+                yield Piece((len(own),), given, np.flatnonzero(kept), float(own[-1]))
                 first, before = first + size, whole
             start = end
-        return found
 
     def advance(
         self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, given: Any

@@ -61,17 +61,22 @@ def policy_law(law: ArrayPolicy, structure: Structure) -> ArrayLaw:
     """The array function of a policy.
 
     Raises:
-        OptionError: when it is traced, where it returns another shape than (M,).
+        OptionError: where it cannot be traced, or returns another shape than (M,).
     """
-    count = len(structure.strings)
-    function = mapped(law.function, law.parameters)
+    count, state = len(structure.strings), jax.ShapeDtypeStruct((len(structure.nodes), 3), float)
+
+    def values(*at: Any) -> Any:
+        return jnp.asarray(law.function(*at))
+
+    try:
+        found = jax.eval_shape(values, law.parameters, 0.0, state, state).shape
+    except Exception as error:
+        raise OptionError(f"law {law.name}: it failed within JAX: {type(error).__name__}: {error}") from error
+    if found != (count,):
+        raise OptionError(f"law {law.name}: it returned shape {found}; it must return ({count},), a value a string")
+    function = mapped(values, law.parameters)
 
     def command(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        u = function(p, t, x, v)
-        if jnp.shape(u) != (count, *x.shape[2:]):
-            raise OptionError(
-                f"law {law.name}: it returned shape {jnp.shape(u)}; it must return ({count},), a value a string"
-            )
-        return u, jnp.full((len(Report), *x.shape[2:]), jnp.nan)
+        return function(p, t, x, v), jnp.full((len(Report), *x.shape[2:]), jnp.nan)
 
     return ArrayLaw(law.parameters, command, law.command is Command.REST_LENGTH)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known, instance
 from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress
 from tensegrity_mj.engines.jax.effects import array_effects
 from tensegrity_mj.engines.jax.integrate import TO_THE_END, ControlledSteps, FixedSteps
@@ -30,8 +31,10 @@ from tensegrity_mj.runs.trajectory import Trajectory
 if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.engine import JAX
 
-PIECES = 16  # of a run at least, between which Ctrl-C is heard; more where they have more than a hundred rows
+PIECES = 16  # of a run at least, between which Ctrl-C is heard
+MOST_ROWS, MOST_STEPS = 64, 1000  # of a piece: a second or less, where DOPRI8's steps do not shrink within
 QUIET = 2.0  # s of compiling without a word
+FORWARD = 'DOPRI8 differentiates backwards (jax.grad, jax.jacrev) unless it is made with derivatives="forward"'
 
 
 class Program:
@@ -73,11 +76,27 @@ class Program:
         self._compiling = threading.Lock()
 
     def run(self, parameters: Any) -> Observed:
-        """A run, with times first, as a function to be compiled and differentiated: (T, N, 3) nodes and so on."""
-        at, state, held = begun(self.model, parameters)
+        """A run, with times first, as a function to be compiled and differentiated: (T, N, 3) nodes and so on.
+
+        Rods and bodies are made as long and as rigid as they are at the first step, where `nodes` are not. Rows are NaN
+        from where DOPRI8 gave up (`max_steps`).
+
+        Args:
+            parameters: like `self.parameters`; where `nodes` have a batch last, others may have the same.
+
+        Raises:
+            OptionError: for parameters of other names or shapes, where DOPRI8 is differentiated the other way than
+                `derivatives` says.
+        """
+        at, state, held = begun(self.model, alike(parameters, self.parameters))
         parts = []
         for piece in self.steps.pieces(lambda rows: [rows]):
-            found = self.steps.advance(piece.kind, self.model, at, state, held, piece.given)
+            try:
+                found = self.steps.advance(piece.kind, self.model, at, state, held, piece.given)
+            except TypeError as error:
+                if "custom_vjp" not in str(error):
+                    raise
+                raise OptionError(f"{FORWARD}: {error}") from error
             state, held, ended, kept = found.state, found.held, found.ended, piece.kept
             parts.append(
                 jax.tree.map(lambda x, k=kept, end=ended: jnp.where(end == TO_THE_END, x[k], jnp.nan), found.rows)
@@ -116,22 +135,26 @@ class Program:
             whole = (self.request.scene.break_times > 0).astype(float)
             return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, 0.0, state, held, whole)[1])
 
-        at, state, held, row = jax.jit(partial(begin, model))(self.parameters)
+        at, state, held, row = compiled(partial(begin, model), self.parameters)(self.parameters)
         parts: list[Any] = []
         watch, steps, ended = Stopwatch(), 0, TO_THE_END
         if np.all(row.works[0, VOID] > 0):  # the law has no command at the start, where strings are as they are
             lawless = Model(self.request.scene, model.effects, None, self.request.actuation, 0.0)
             parts.append(begin(lawless, self.parameters)[-1]._replace(works=row.works, report=row.report))
+        most = [max(1, min(MOST_ROWS, MOST_STEPS // self.steps.stride))]
         with progress(self.request, label) as show:
-            for piece in () if parts else self.steps.pieces(pieces):
+            for piece in () if parts else self.steps.pieces(partial(pieces, most=most)):
                 before = time.perf_counter()
                 with self._compiling:
                     if piece.kind not in self.kinds:
                         made = compiled(partial(take, piece.kind, model), at, state, held, piece.given)
                         self.kinds[piece.kind] = made
+                interrupts.raise_if_requested()
                 watch.start += time.perf_counter() - before
                 state, held, rows, more, how = self.kinds[piece.kind](at, state, held, piece.given)
                 steps, ended = steps + int(more), int(how)
+                if more > 2 * MOST_STEPS:  # by steps and not by seconds, which would make results depend on these
+                    most[0] = max(1, (len(rows.time) - 1) * MOST_STEPS // int(more))
                 parts.append(jax.tree.map(lambda x, kept=piece.kept: np.asarray(x)[kept], rows))
                 show(piece.end)
                 interrupts.raise_if_requested()
@@ -147,18 +170,49 @@ def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
     return at, *model.start(at)
 
 
-def pieces(rows: int) -> list[int]:
-    """Rows in twenty pieces or so, in a hundred where there are many, of one size where a divisor is near."""
-    least = min(max(PIECES, rows // 100), 100)
+def alike(given: Any, own: Any) -> Any:
+    """Parameters of a run as arrays, if they have the names and shapes of a program's own.
+
+    Raises:
+        OptionError: naming the one that has not.
+    """
+    instance("parameters", given, dict, "use a dict as the program's own, {**program.parameters, ...}")
+    for name in given:
+        check_known("parameters", name, own, "parameter")
+    if missing := [name for name in own if name not in given]:
+        raise OptionError(f"parameters: '{missing[0]}' is missing; use {{**program.parameters, ...}}")
+    batch, found = jnp.shape(given["nodes"])[2:], {}
+    for name, expected in own.items():
+        leaves, tree = jax.tree_util.tree_flatten_with_path(expected)
+        try:
+            values = [jnp.asarray(one) for one in tree.flatten_up_to(given[name])]
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"parameters['{name}']: {error}") from error
+        for (path, leaf), value in zip(leaves, values, strict=True):
+            if value.shape not in (shape := np.shape(leaf), (*shape, *batch)):
+                place, more = jax.tree_util.keystr(path), f" or {(*shape, *batch)}" if batch else ""
+                raise OptionError(f"parameters['{name}']{place} has shape {value.shape}; it must be {shape}{more}")
+        found[name] = tree.unflatten(values)
+    return found
+
+
+def pieces(rows: int, most: list[int]) -> Iterator[int]:
+    """Rows in pieces of at most `most[0]` each, twenty or so of a short run, of one size where a divisor is near."""
+    least = max(PIECES, -(-rows // most[0]))
     count = next((n for n in range(least, 2 * least) if rows % n == 0), min(rows, least))
     size = -(-rows // count)
-    return [size] * (rows // size) + ([rows % size] if rows % size else [])
+    while rows:
+        size = min(size, most[0], rows)
+        yield size
+        rows -= size
 
 
 def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
     """A function compiled for arguments like these; who waits long for it reads why."""
-    words = "tensegrity-mj: JAX compiles this run, once: it is kept for the next process"
-    timer = threading.Timer(QUIET, lambda: print(words, file=sys.stderr, flush=True))
+    from tqdm import tqdm  # which writes beside its bars
+
+    words = "tensegrity-mj: JAX prepares this run; what it compiles is kept for the next process"
+    timer = threading.Timer(QUIET, lambda: tqdm.write(words, file=sys.stderr))
     timer.start()
     try:
         return jax.jit(function).lower(*arguments).compile()

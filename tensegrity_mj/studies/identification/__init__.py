@@ -1,1 +1,1 @@
-"""Parameters of a scene from measurements: what these can tell, the fit, and how well it is known."""
+"""Parameters of a scene from measurements: what these determine, the fit, and how well it is known."""

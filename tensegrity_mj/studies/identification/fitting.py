@@ -91,6 +91,11 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
             if not len(free):
                 raise OptionError(words)
             warn_caller(words, IdentificationWarning)
+        if not problem.observation.known and len(slopes) <= len(free):
+            raise OptionError(
+                f"measurements: {len(slopes)} numbers do not determine {len(free)} parameters and the noise beside; "
+                "give more, or the noise, as measured(..., nodes=1e-3)"
+            )
 
         def whole(parts: Array) -> Array:
             found = start.copy()

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import check_known, instance, positive
+from tensegrity_mj.basics.checks import check_known, instance, positive, sequence_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.stored import is_table
@@ -43,19 +43,13 @@ def measured(source: Source, members: Sequence[str] | None = None, **sigmas: flo
         FormatError: as `read_table` and `Trajectory.load`.
         OptionError: for a quantity or a member that the source does not have.
     """
-    if isinstance(source, (str, os.PathLike)):
-        source = read_table(source) if is_table(source) else Trajectory.load(source)
-    instance("measurements", source, (Table, Trajectory), "use a run, a table, the path of one, or measured(...)")
-    if isinstance(source, Trajectory):
-        strings = [string.name for string in source.scene.structure.strings]
-        pulls, spans = ({one: of(one) for one in strings} for of in (source.tension, source.length))
-        names = tuple(source.scene.structure.node_names)
-        source = Table(source.time, names, source.nodes, None, pulls, f"the run of {source.engine}", {}, spans)
+    members = None if members is None else sequence_of("members", members)
+    source = _table(source)
     name, moved = source.name, np.moveaxis(source.positions, 0, -1)
     held = {("nodes", node, "xyz"[k]): moved[n, k] for n, node in enumerate(source.nodes) for k in range(3)}
     held |= {("lengths", string, "length"): values for string, values in source.lengths.items()}
     held |= {("tensions", string, "tension"): values for string, values in source.tensions.items()}
-    quantities = list(dict.fromkeys(place[0] for place in held))
+    quantities = _quantities(source)
     for quantity, sigma in sigmas.items():
         check_known(name, quantity, quantities, "quantity")
         if sigma is not None:
@@ -71,6 +65,40 @@ def measured(source: Source, members: Sequence[str] | None = None, **sigmas: flo
         if place[0] in chosen and (members is None or place[1] in members)
         for seen in [~np.isnan(values)]
     )
+
+
+def measured_together(
+    sources: Sequence[Source], members: Sequence[str] | None, sigmas: dict[str, float]
+) -> list[Series]:
+    """`measured` of several sources, of which each has some of the members and of the quantities.
+
+    Raises:
+        OptionError: as `measured`; for a quantity or a member that none of them has.
+    """
+    tables = [_table(one) for one in sources]
+    for quantity in sigmas:
+        check_known("measurements", quantity, {one for table in tables for one in _quantities(table)}, "quantity")
+    own = [{one: sigmas[one] for one in _quantities(table) if one in sigmas} for table in tables]
+    found = [one for table, sigma in zip(tables, own, strict=True) for one in measured(table, None, **sigma)]
+    for member in members or ():
+        check_known("measurements", member, {one.place[1] for one in found}, "node or string")
+    return [one for one in found if members is None or one.place[1] in members]
+
+
+def _table(source: Source) -> Table:
+    if isinstance(source, (str, os.PathLike)):
+        source = read_table(source) if is_table(source) else Trajectory.load(source)
+    instance("measurements", source, (Table, Trajectory), "use a run, a table, the path of one, or measured(...)")
+    if isinstance(source, Table):
+        return source
+    strings = [string.name for string in source.scene.structure.strings]
+    pulls, spans = ({one: of(one) for one in strings} for of in (source.tension, source.length))
+    names = tuple(source.scene.structure.node_names)
+    return Table(source.time, names, source.nodes, None, pulls, f"the run of {source.engine}", {}, spans)
+
+
+def _quantities(table: Table) -> list[str]:
+    return [one for one in UNITS if getattr(table, one)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +137,9 @@ class Observation:
         for one in found:
             of_node = one.place[0] == "nodes"
             check_known("measurements", one.place[1], nodes if of_node else strings, "node" if of_node else "string")
+            for k in np.flatnonzero(~np.isfinite(one.values)):
+                where = f"{one.place[1]}.{one.place[2]} at {one.times[k]:g} s"
+                raise OptionError(f"measurements: {where} is {one.values[k]:g}; NaN marks what was not seen")
         if not found:
             raise OptionError("measurements: there is none")
         if len({one for one, _ in known}) > 1 or (len(known) > 1 and not next(iter(known))[0]):
@@ -140,6 +171,6 @@ class Observation:
 def _each(given: Any) -> list[Series]:
     if isinstance(given, Series):
         return [given]
-    if isinstance(given, Iterable) and not isinstance(given, str):
+    if isinstance(given, Iterable) and not isinstance(given, (str, np.ndarray)):
         return [series for one in given for series in _each(one)]
     return list(measured(given))

@@ -49,7 +49,7 @@ def page_of(data: Data) -> Page:
 
 
 def verdicts(data: Data) -> Iterator[tuple[bool, str]]:
-    """Sentences, and whether each is good: how the fit ended, its residuals, and what it cannot tell."""
+    """Sentences, and whether each is good: how the fit ended, its residuals, and what it leaves undetermined."""
     count, ended = sum(len(one["time"]) for one in data["series"]), "ended" if data["converged"] else "did not end"
     yield (
         data["converged"],

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.engines.table import engine_settings
@@ -83,11 +84,16 @@ class Predictions:
 
     @cached_property
     def _grid(self) -> tuple[float, float]:
-        """Duration and output interval [s]: samples at the measurements where these are regular, else fine ones."""
+        """Duration and output interval [s]: samples at the measurements where these are regular, else fine ones.
+
+        Between samples `resampled` interpolates. Measurements a moment apart, by two clocks, make no finer ones.
+        """
         times, step = self.observation.times, getattr(self.engine, "timestep", None)
+        fine = step or min(FINEST, times[-1] / len(times))
         gap = float(np.diff(times[times > 0], prepend=0.0).min())
         ratios = np.array([*(times / gap), *([gap / step] if step else [])])
-        interval = gap if np.all(np.abs(ratios - np.round(ratios)) < 1e-6) else step or min(FINEST, gap)
+        regular = gap > 0.1 * fine and np.all(np.abs(ratios - np.round(ratios)) < 1e-6)
+        interval = gap if regular else fine
         return float(np.ceil(times[-1] / interval - 1e-6)) * interval, interval
 
     _slack_is_checked = False
@@ -103,7 +109,7 @@ class Predictions:
         self._slack_is_checked, pulls = True, tensions != 0
         jumps = np.flatnonzero(pulls.any(axis=0) & ~pulls.all(axis=0) & (scene.structure.damping > 0))
         fixed = getattr(self.engine, "timestep", None) is not None and not getattr(self.engine, "locate_slack", False)
-        if len(jumps) and (fixed or getattr(self.engine, "spread", None) == 0.0):
+        if len(jumps) and getattr(self.engine, "spread", 0.0 if fixed else 1.0) == 0.0:
             name, engine = scene.structure.strings[jumps[0]].name, type(self.engine).__name__
             warn_caller(
                 f"string '{name}' has a damper and comes taut: derivatives by {engine} miss its jump, and estimates "
@@ -140,13 +146,20 @@ class Differentiated(Predictions):
 
     def __post_init__(self) -> None:
         import jax
+        import jax.numpy as jnp
         from jax.flatten_util import ravel_pytree
 
-        from tensegrity_mj.engines.jax.engine import Derivatives
+        from tensegrity_mj.engines.jax.engine import Derivatives, Method
+        from tensegrity_mj.engines.jax.program import compiled
 
         unknowns, observation = self.unknowns, self.observation
-        engine = replace(self.engine, derivatives=Derivatives.FORWARD)
-        options = {"times": observation.times, "actuation": self.actuation}
+        # `_check_slack` warns where it is due: `model` is not to warn of every damper.
+        engine = replace(self.engine, derivatives=Derivatives.FORWARD, window=self.engine.spread)
+        options: dict[str, Any] = {"actuation": self.actuation}
+        if engine.method is Method.RK4:
+            options["duration"], options["output_interval"] = self._grid
+        else:
+            options["times"] = np.union1d(0.0, observation.times)  # of which one that is measured, and alone, is none
         for path in unknowns.paths:
             parts = parts_of(path.partition(".")[2], path)
             kind, last = parts[0].partition("[")[0], parts[-1]
@@ -154,10 +167,22 @@ class Differentiated(Predictions):
                 raise OptionError(f"{path}: {NOT_DIFFERENTIATED}")
         program = engine.model(*self.at(unknowns.start), **options)
         _, restored = ravel_pytree(program.parameters)
+        row = np.clip(np.searchsorted(program.times, observation.times, "right") - 1, 0, len(program.times) - 2)
+        width = program.times[row + 1] - program.times[row]
+        part = (observation.times - program.times[row]) / width
 
         def seen(arrays: Any) -> Any:
+            """As `resampled`: Hermite's polynomials of nodes, straight lines of tensions; exact at recorded times."""
             run = program.run(restored(arrays))
-            return observation.seen(run.nodes, run.lengths, run.tensions), run.tensions
+            x, v, pulls = (jnp.moveaxis(one, 0, -1) for one in (run.nodes, run.velocities, run.tensions))
+            x = (
+                x[..., row]
+                + part**2 * (3 - 2 * part) * (x[..., row + 1] - x[..., row])
+                + width * part * (1 - part) * ((1 - part) * v[..., row] - part * v[..., row + 1])
+            )
+            lengths = program.model.strings.measure(x, x)[0]
+            tensions = pulls[..., row] + part * (pulls[..., row + 1] - pulls[..., row])
+            return observation.seen(*(jnp.moveaxis(one, -1, 0) for one in (x, lengths, tensions))), run.tensions
 
         def along(arrays: Any, changes: Any) -> Any:
             one = partial(jax.jvp, seen, (arrays,), has_aux=True)
@@ -166,7 +191,8 @@ class Differentiated(Predictions):
         def arrays(values: Array) -> Array:
             return np.asarray(ravel_pytree(engine.model(*self.at(values), **options).parameters)[0])
 
-        self._arrays, self._along = arrays, jax.jit(along)
+        self._arrays, self._compile = arrays, partial(compiled, along)
+        self._along: Callable[..., Any] | None = None
         self._last: tuple[Array, Array, Array] | None = None  # values, predictions, Jacobian
         # Beside the start, where a change may be zero by chance, as that of a slack string's rest length by stiffness.
         beside = np.clip(unknowns.start + 10 * STEP * unknowns.sizes, unknowns.low, unknowns.high)
@@ -186,10 +212,12 @@ class Differentiated(Predictions):
     def _at(self, values: Array) -> tuple[Array, Array, Array]:
         """Both by one compiled function: to compile a second one takes as long as many runs."""
         if self._last is None or not np.array_equal(self._last[0], values):
-            changes = self._differences(self._arrays, values, self._pattern)
-            found, slopes, tensions = self._along(self._arrays(values), changes.T)
-            self._check_slack(self.at(values)[0], np.asarray(tensions))
-            self._last = values.copy(), np.asarray(found), np.asarray(slopes).T
+            with interrupts.deferred():  # one that is raised while a thread of XLA compiles ends in its memory
+                given = self._arrays(values), self._differences(self._arrays, values, self._pattern).T
+                self._along = self._along or self._compile(*given)
+                found, slopes, tensions = map(np.asarray, self._along(*given))
+            self._check_slack(self.at(values)[0], tensions)
+            self._last = values.copy(), found, slopes.T
         return self._last
 
 

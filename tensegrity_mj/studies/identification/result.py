@@ -68,8 +68,11 @@ class Identification(Report):
 
     def __repr__(self) -> str:
         heads = ("parameter", "start", "estimate", f"interval of {self.data['level']:.3g}", "")
-        forms = ("{name}", "{start:.6g}", "{value:.6g}", "{low:.6g} to {high:.6g}", "{note}")
-        rows = [[form.format(**row) for form in forms] for row in self.data["parameters"]]
+        rows = []
+        for row in self.data["parameters"]:
+            interval = "{low:.6g} to {high:.6g}" if np.isfinite(row["deviation"]) else "none"
+            forms = ("{name}", "{start:.6g}", "{value:.6g}", interval, "{note}")
+            rows.append([form.format(**row) for form in forms])
         return printable("\n".join([*aligned([heads, *rows]), "", *(text for _, text in verdicts(self.data))]), "\n")
 
 
@@ -109,7 +112,8 @@ def identify(
         TensegrityError: as `simulate`, of the run with the starts.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    engine, chosen = checked_engine(engine), options or FitOptions()
+    engine, chosen = checked_engine(engine), FitOptions() if options is None else options
+    instance("options", chosen, FitOptions, "use FitOptions(...)")
     name, settings = engine_settings(engine)
     unknowns, observed = Unknowns.of(scene, parameters), Observation.of(scene.structure, measurements)
     predictions = predictions_of(unknowns, observed, engine, law, chosen.actuation)
@@ -125,7 +129,7 @@ def identify(
             "actuation": str(chosen.actuation),
             "parameters": [unknowns.paths, unknowns.scaled, unknowns.sizes, unknowns.low, unknowns.high],
             "measurements": digest([observed.labels, observed.times, observed.rows, observed.columns]),
-            "versions": versions(),
+            "versions": versions(engine),
         }
     with opened(runs, plain(study, "the study")) as kept:
         model = predictions if folder is None else Kept(predictions, kept)
@@ -134,5 +138,5 @@ def identify(
         except KeyboardInterrupt:
             raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
     draft = unknowns.at(np.array([row["value"] for row in found["parameters"]]))
-    data = {**facts, "versions": versions(), **found}
+    data = {**facts, "versions": versions(engine), **found}
     return Identification(data, scene=draft.plant or draft.scene).kept(folder)

@@ -19,7 +19,7 @@ FEWEST = 20  # samples of a series whose correlation in time is looked at
 
 
 class Information(NamedTuple):
-    """What data can tell.
+    """What data determine.
 
     Attributes:
         eigenvalues: (P,) of the Fisher information, rising.

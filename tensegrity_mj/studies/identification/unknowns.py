@@ -9,6 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import instance, sequence_of
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
@@ -23,7 +24,7 @@ FORM = "write PATH, PATH=START, PATH=START:LOW:HIGH, with * before START for a f
 
 @value("Parameter {path}", OptionError)
 class Parameter:
-    """A number of a scene that measurements are to tell.
+    """A number of a scene that measurements are to determine.
 
     Attributes:
         path: as in sweeps, under `structure`, `scene` or `plant`: structure.strings[s1].stiffness of one member,
@@ -88,7 +89,9 @@ class Unknowns:
             OptionError: for a path that names nothing, one that is given twice, a start that is not within its bounds,
                 or members of several values without a start.
         """
-        each = [Parameter.of(one) if isinstance(one, str) else one for one in given]
+        each = [Parameter.of(one) if isinstance(one, str) else one for one in sequence_of("parameters", given)]
+        for one in each:
+            instance("parameters", one, Parameter, f"use a Parameter, or {FORM}")
         if not each:
             raise OptionError("parameters: give at least one, such as structure.strings[s1].stiffness")
         rows = [(path, one) for one in each for path in member_names(scene, one.path) or [one.path]]
