@@ -82,6 +82,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         if wanted == "README.md" and anchor == "scenes":
             wanted, sign, anchor = "docs/gallery.md", "", ""
         place = known.get(wanted) or (wanted.removeprefix("docs/") if wanted.startswith("docs/") else "")
+        if wanted == "README.md" and anchor:  # the home page has none of its sections
+            place = ""
         if place and files.get_file_from_path(place):
             there = posixpath.relpath(place, posixpath.dirname(page.file.src_uri) or ".")
             return f"{image}[{text}]({there}{sign}{anchor})"

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import html
 import json
 import re
@@ -19,7 +20,6 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from importlib import import_module
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,7 +39,6 @@ ROOMS = (
     "gymnasium",
     "linearization",
     "library",
-    "exchange",
     "thesis",
     "errors",
 )
@@ -223,28 +222,37 @@ def api() -> dict[str, str]:
     homes: dict[str, str] = {}
     pages: dict[str, str] = {}
     for room in ROOMS:
-        module = import_module(f"tensegrity_mj.{room}")
-        names = {path: name for name, path in _face(module.__file__).items() if path not in homes}
+        names = {path: name for name, path in _face(_source(room)).items() if path not in homes}
         homes |= names
-        pages[f"{room}.md"] = _api_page(module.__name__, module.__doc__, names)
-    top = import_module("tensegrity_mj")
-    own = _face(top.__file__)
+        pages[f"{room}.md"] = _api_page(f"tensegrity_mj.{room}", _docstring(_source(room)), names)
+    top = ROOT / "tensegrity_mj" / "__init__.py"
+    own = _face(top)
     rows = [f"| [`tmj.{name}`][{path}] |" for name, path in own.items() if not _is_room(path)]
     rest = {path: name for name, path in own.items() if path not in homes and not _is_room(path)}
     listed = "\n".join(["| name at the top |", "|---|", *rows])
     rooms = ", ".join(f"[`{room}`]({room}.md)" for room in ROOMS)
-    text = f"{(top.__doc__ or '').partition(':')[2].strip()}\n\nRooms: {rooms}.\n\n{listed}"
+    text = f"{_docstring(top).partition(':')[2].strip()}\n\nRooms: {rooms}.\n\n{listed}"
     pages["index.md"] = _api_page("tensegrity_mj", text, rest)
     return pages
 
 
-def _face(source: str | None) -> dict[str, str]:
+def _source(room: str) -> Path:
+    """The file of a room, which is read and never imported: the site is built without the package's extras."""
+    place = ROOT.joinpath(*([] if room == "controllers" else ["tensegrity_mj"]), *room.split("."))
+    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+
+
+def _docstring(source: Path) -> str:
+    return ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+
+
+def _face(source: Path) -> dict[str, str]:
     """The names of a face and the paths of what they stand for; of a module without imports of names, its classes."""
-    text = Path(str(source)).read_text(encoding="utf-8")
+    text = source.read_text(encoding="utf-8")
     found = re.findall(r"^    from (\S+) import (\w+) as (\w+)$", text, re.MULTILINE)
     if found:
         return {name: f"{home}.{original}" for home, original, name in found}
-    room = ".".join(Path(str(source)).relative_to(ROOT).with_suffix("").parts)
+    room = ".".join(source.relative_to(ROOT).with_suffix("").parts)
     return {name: f"{room}.{name}" for name in re.findall(r"^(?:class|def) ([A-Za-z]\w*)", text, re.MULTILINE)}
 
 
