@@ -17,5 +17,5 @@ ln -s "$root"/tensegrity_mj/* "$typing/tensegrity_mj/"
 ln -s "$root/controllers" "$root/models" "$typing/tensegrity_mj/"
 rm -f "$typing/tensegrity_mj/__pycache__"
 cd "$typing"
-"$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" -p tensegrity_mj
+"$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" --cache-dir "$root/.mypy_cache" -p tensegrity_mj
 "$venv/bin/lint-imports" --config "$root/pyproject.toml" --no-logo
