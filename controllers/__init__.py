@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.controllers.projection import Projection as Projection
     from tensegrity_mj.controllers.quadratic_terms import Onto as Onto
     from tensegrity_mj.controllers.replay import Replay as Replay
+    from tensegrity_mj.controllers.scenes import SCENE_LAW as SCENE_LAW
     from tensegrity_mj.controllers.scenes import from_scene as from_scene
     from tensegrity_mj.controllers.table import LAWS as LAWS
     from tensegrity_mj.dynamics.native.compiled_law import CompiledLaw as CompiledLaw

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import enum
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Literal
+
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.hints import fitted
@@ -11,8 +14,33 @@ from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, found, is_own, named
 from tensegrity_mj.controllers.table import LAWS, NamedLaw
+from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
+
+
+class SceneLaw(enum.Enum):
+    """The default of every call that runs a scene under a law."""
+
+    SCENE_LAW = "the scene's own law"
+
+    def __repr__(self) -> str:
+        return self.name
+
+
+SCENE_LAW: Final[Literal[SceneLaw.SCENE_LAW]] = SceneLaw.SCENE_LAW
+AnyLaw = Law | Callable[..., ArrayLike] | SceneLaw | None
+
+
+def law_for(scene: Scene, law: Any) -> Any:
+    """The law that a call runs: for SCENE_LAW the scene's own, None where it has none; any other as it is given.
+
+    Raises:
+        OptionError: where the scene's own law cannot be made.
+    """
+    if law is not SCENE_LAW:
+        return law
+    return None if scene.control is None else from_scene(scene)
 
 
 def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
@@ -82,7 +110,10 @@ def _made(entry: NamedLaw, name: str, scene: Scene, given: Mapping[str, Any]) ->
             allowed = f"{closest(key, entry.options)}; allowed: {', '.join(entry.options)}"
             raise OptionError(f"{where}: law '{name}' has no option '{key}'{allowed}")
     if scene.target is None and entry.needs_target:
-        raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
+        raise OptionError(
+            f"{where} has no target, which its law needs: add [scene.target], or run it without a law "
+            "(controller=None, --law none)"
+        )
     options = {key: fitted(f"{where}: {key}", value, entry.options[key]) for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
     known = () if water is None else (water,)

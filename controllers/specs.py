@@ -16,13 +16,14 @@ from typing import Any
 from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, Spec, digest_of, found, imported, is_of_text, is_own, named, title_of
-from tensegrity_mj.controllers.scenes import from_scene, law_named, named_in
+from tensegrity_mj.controllers.scenes import SCENE_LAW, from_scene, law_named
 from tensegrity_mj.controllers.table import LAWS, NamedLaw, built_in
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 
 _numbers = itertools.count()
+NO_LAW: Spec = {"kind": "built-in", "name": "none", "options": {}}
 _here: dict[str, Any] = {}  # laws that only this process has
 
 
@@ -30,17 +31,22 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
     """What a law is, as plain values.
 
     Args:
-        law: None for the scene's law; a name of `LAWS`; "module:name" or "path.py:name"; a law object or a function.
-            What a text names may be a law, or a function or class of the scene that makes one (see `own`).
+        law: SCENE_LAW for the scene's; None or "none" for none; a name of `LAWS`; "module:name" or "path.py:name"; a
+            law object or a function. What a text names may be a law, or a function or class of the scene that makes
+            one (see `own`).
         scene: what it controls.
         options: of a law that is given by a text, by their names.
 
     Raises:
-        OptionError: if there is no such law, and for options of an object, which has been made with its own.
+        OptionError: if there is no such law, and for options of none or of an object, which has been made with its own.
     """
     given = dict(options or {})
-    if law is None:
-        return _of_name(named_in(scene), given)
+    if law is SCENE_LAW and scene.control is not None:
+        return _of_name(scene.control.law, given)
+    if law in (None, "none", SCENE_LAW):
+        if given:
+            raise OptionError(f"law_options: {', '.join(given)}: there is no law that could have them; give law, too")
+        return NO_LAW
     if isinstance(law, (str, os.PathLike)):
         return _of_text(os.fspath(law), given)
     if isinstance(law, type) or not callable(law):
@@ -56,12 +62,14 @@ def is_here(spec: Mapping[str, Any]) -> bool:
 
 
 def make(spec: Mapping[str, Any], scene: Scene, more: Mapping[str, Any] | None = None) -> Any:
-    """The law of a spec for a scene, with more options than it holds.
+    """The law of a spec for a scene, with more options than it holds; None for NO_LAW.
 
     Raises:
         OptionError: if it cannot be made.
     """
     options = {**spec.get("options", {}), **(more or {})}
+    if spec == NO_LAW:
+        return None
     if spec["kind"] == "built-in":
         return from_scene(scene, spec["name"], **options)
     if spec["kind"] == "object":

@@ -3,9 +3,9 @@
     tmj.simulate("prism", "lyapunov", "dae", on_infeasible="passive", integrator="rk4", timestep=1e-3)
 
 A scene is given by what `load_scene` takes, a law by what `controllers.from_scene` takes (a name, path.py:name or
-module:name; the scene's options hold), an engine by its name and its options ("mujoco" where there are options alone;
-`integrator` is the `method` of DAE and ODE), an enum by the text of its value. What a function does and raises stands
-in the room that it comes from; the signatures here add the texts.
+module:name; the scene's options hold) or "none", an engine by its name and its options ("mujoco" where there are
+options alone; `integrator` is the `method` of DAE and ODE), an enum by the text of its value. What a function does and
+raises stands in the room that it comes from; the signatures here add the texts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from tensegrity_mj import controllers, simulation
 from tensegrity_mj.basics.checks import choice_from
 from tensegrity_mj.basics.texts import unknown
-from tensegrity_mj.dynamics.native.law import Command, Law
+from tensegrity_mj.controllers.scenes import SCENE_LAW
+from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import AcceleratingEngine
 from tensegrity_mj.engines.table import make_engine, option_names
 from tensegrity_mj.errors import OptionError
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 AnyScene = Scene | str | os.PathLike[str]
-AnyLaw = Law | Callable[..., ArrayLike] | str | None
+AnyLaw = controllers.scenes.AnyLaw | str
 
 
 def with_texts(function: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -81,14 +82,11 @@ def _objects(given: dict[str, Any]) -> dict[str, Any]:
         given["scenes"] = [_scene(one) for one in given["scenes"]]
     for law in ("law", "controller"):
         if isinstance(given.get(law), str):
-            given[law] = controllers.from_scene(given["scene"], given[law])
+            given[law] = _law(given["scene"], given[law])
     laws = given.get("controllers")
     if isinstance(laws, str) or (isinstance(laws, (list, tuple)) and len(laws) == len(given["scenes"])):
         each = [laws] * len(given["scenes"]) if isinstance(laws, str) else laws
-        given["controllers"] = [
-            controllers.from_scene(scene, law) if isinstance(law, str) else law
-            for scene, law in zip(given["scenes"], each, strict=True)
-        ]
+        given["controllers"] = [_law(scene, law) for scene, law in zip(given["scenes"], each, strict=True)]
     for name, kind in {"on_infeasible": OnInfeasible, "inputs": Command}.items():
         if isinstance(given.get(name), str):
             given[name] = choice_from(name, kind, given[name])
@@ -99,6 +97,12 @@ def _objects(given: dict[str, Any]) -> dict[str, Any]:
             raise OptionError(f"actuation = {given['actuation']!r}: it needs the time between samples: use {use}")
         given["actuation"] = Actuation(mode)
     return given
+
+
+def _law(scene: Scene, law: Any) -> Any:
+    if not isinstance(law, str):
+        return law
+    return None if law == "none" else controllers.from_scene(scene, law)
 
 
 def _engine(call: str, own: list[str], engine: Any, options: dict[str, Any]) -> Any:
@@ -127,7 +131,7 @@ def _scene(given: Any) -> Any:
 @with_texts(simulation.simulate)
 def simulate(
     scene: AnyScene,
-    controller: AnyLaw = None,
+    controller: AnyLaw = SCENE_LAW,
     engine: simulation.Engine | str | None = None,
     *,
     duration: float | None = None,
@@ -161,7 +165,7 @@ def stable_step(
     scene: AnyScene,
     engine: Any,
     *,
-    law: AnyLaw = None,
+    law: AnyLaw = SCENE_LAW,
     actuation: Actuation | str | None = None,
     nodes: ArrayLike | None = None,
     velocities: ArrayLike | None = None,
@@ -176,7 +180,7 @@ def stable_step(
 @with_texts(ensemble.simulate_many)
 def simulate_many(
     scenes: Sequence[AnyScene],
-    controllers: AnyLaw | Sequence[AnyLaw] = None,
+    controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW,
     engine: Any = None,
     *,
     duration: float | None = None,
@@ -204,7 +208,7 @@ def identify(
     parameters: Iterable[Parameter | str],
     engine: Any = None,
     *,
-    law: AnyLaw = None,
+    law: AnyLaw = SCENE_LAW,
     options: FitOptions | None = None,
     folder: str | os.PathLike[str] | None = None,
     progress: bool = False,
@@ -216,7 +220,7 @@ def identify(
 @with_texts(ensemble.law_in)
 def law_in(
     scene: AnyScene,
-    law: AnyLaw,
+    law: AnyLaw = SCENE_LAW,
     engine: Any = None,
     *,
     on_infeasible: OnInfeasible | str = OnInfeasible.STOP,

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
-from numpy.typing import ArrayLike
-
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw
 from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
@@ -36,7 +33,7 @@ class Engine(Protocol):
 
 def simulate(
     scene: Scene,
-    controller: Law | Callable[..., ArrayLike] | None = None,
+    controller: AnyLaw = SCENE_LAW,
     engine: Engine | None = None,
     *,
     duration: float | None = None,
@@ -49,7 +46,8 @@ def simulate(
 
     Args:
         scene: the experiment.
-        controller: a law (see `law`), a function (time, nodes, velocities) -> u, or None for constant rest lengths.
+        controller: a law (see `law`), or a function (time, nodes, velocities) -> u; the scene's own law by default
+            (SCENE_LAW), where it names one. None for no law: constant rest lengths.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`.
         duration: [s]; the scene's by default.
         actuation: what happens between evaluations of the law; continuous by default.
@@ -97,9 +95,7 @@ def simulate(
     return run
 
 
-def simulate_as_far(
-    scene: Scene, controller: Law | Callable[..., ArrayLike] | None, engine: Engine | None, **options: Any
-) -> Trajectory:
+def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **options: Any) -> Trajectory:
     """`simulate`, with its options; a run that diverges as far as it came, its status DIVERGED, with the reason.
 
     Raises:

@@ -31,8 +31,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     experiment.check_control(options)
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     refuse(options, ("output-interval", "on-infeasible"), "means nothing here: runs are seen when it was measured")
-    if options.law is None:
-        refuse(options, ("law-option", "norm", "decay-rate", "actuation"), "needs --law, the law that was at work")
     scene, sigmas = library.load_scene(options.scene), options.sigma or ()
     if len(dict(sigmas)) < len(sigmas):
         raise OptionError("--sigma: a quantity is given twice; give each once")
@@ -41,7 +39,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         measured_together(options.data, options.members, dict(sigmas)),
         options.parameter,
         experiment.engine_of(options.engine, options),
-        law=None if options.law is None else experiment.law_of(options, scene),
+        law=experiment.law_of(options, scene),
         options=studies.FitOptions(options.level or 0.95, options.hold_unseen, experiment.actuation_of(options)),
         folder=options.out,
         progress=True,

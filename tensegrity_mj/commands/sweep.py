@@ -31,6 +31,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise OptionError("--set, --law-option: a parameter is given twice; give each parameter once")
     workers = _workers(options)
 
+    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.table import USUAL, check_measures, counts, rows_of
 
     measures = check_measures(options.measures.split(",") if options.measures is not None else USUAL)
@@ -41,7 +42,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         samples=1 if options.samples is None else options.samples,
         seed=options.seed,
         fixed=fixed,
-        law=None if options.law == "none" else options.law,
+        law=options.law or SCENE_LAW,
         keep_trajectories=options.keep_trajectories,
     )
     study = sweep.run(options.out, workers=workers, progress=True)

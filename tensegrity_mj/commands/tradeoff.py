@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
+    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.tradeoff.advising import sentences
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
@@ -33,7 +34,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     for scene, name in zip(scenes, names, strict=True):
         folder = None if options.out is None else Path(options.out) / name
         own = law_options_of(options)
-        study = tradeoff(scene, options.law, law_options=own, folder=folder, options=chosen, progress=True)
+        study = tradeoff(scene, options.law or SCENE_LAW, law_options=own, folder=folder, options=chosen, progress=True)
         found.append(study.data)
         lines += [f"{scene.name}:", *(f"  {text}" for text in sentences(study.data)), ""]
         if folder is not None:

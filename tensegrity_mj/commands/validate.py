@@ -11,11 +11,12 @@ from tensegrity_mj.commands.experiment import law_options_of
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
+    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.validation.study import DATA, PAGE
 
     report = studies.validate(
         options.scene,
-        options.law,
+        options.law or SCENE_LAW,
         law_options=law_options_of(options),
         folder=options.out,
         engines=options.engines,

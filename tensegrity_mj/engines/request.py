@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from numpy.typing import ArrayLike
-
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, member, positive
-from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
+from tensegrity_mj.controllers.scenes import AnyLaw, law_for
+from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -51,7 +50,7 @@ class Request:
 
 def request_for(
     scene: Scene,
-    controller: Law | Callable[..., ArrayLike] | None,
+    controller: AnyLaw,
     duration: float | None,
     actuation: Actuation | None,
     on_infeasible: OnInfeasible,
@@ -78,6 +77,7 @@ def request_for(
     if output_interval is not None and output_interval > total * (1 + 1e-12):
         raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
     check_motions_until(scene, total)
+    controller = law_for(scene, controller)
     law = as_c(controller, scene.structure)
     if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
         raise OptionError(law.discontinuous)

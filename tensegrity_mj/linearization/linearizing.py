@@ -37,14 +37,13 @@ round-off is 4e-12 relative to k, and 1e-10 s of the accelerations. At a kink it
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, instance, member, real_array
-from tensegrity_mj.dynamics.native.law import Command, Law, native_law
+from tensegrity_mj.controllers.scenes import AnyLaw, law_for
+from tensegrity_mj.dynamics.native.law import Command, native_law
 from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
@@ -67,7 +66,7 @@ def linearize(
     nodes: ArrayLike | None = None,
     velocities: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
-    law: Law | Callable[..., ArrayLike] | None = None,
+    law: AnyLaw = None,
     time: float = 0.0,
     inputs: Command = Command.REST_LENGTH,
 ) -> Linearization:
@@ -81,7 +80,8 @@ def linearize(
         nodes, velocities: (N, 3) the state; the scene's start by default. Velocities may be nonzero: then the model is
             that of the motion's next moment.
         rest_lengths: (M,) [m]; the structure's by default, or what `law` sets at the state.
-        law: closes the loop continuously: A is then A + B ∂v/∂x.
+        law: closes the loop continuously: A is then A + B ∂v/∂x. None, the default, for the model of the plant alone;
+            SCENE_LAW for the scene's own law.
         time: [s], at which loads and the law are evaluated, and strings have broken or not yet.
         inputs: what B's columns change. With force densities u, A is that at constant u, too.
 
@@ -94,6 +94,7 @@ def linearize(
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     engine = checked_engine(engine, "accelerations")
+    law = law_for(scene, law)
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
     require(None, scene, "linearize")

@@ -8,13 +8,13 @@ from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts, kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, instance, member
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw, native_law
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, NativeLaw, native_law
 from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES, checked_engine
@@ -37,7 +37,6 @@ _MEMBERS: dict[str, Callable[[Any], Any]] = {
     "rods": lambda structure: [(rod.name, rod.nodes) for rod in structure.rods],
     "strings": lambda structure: [(string.name, string.nodes) for string in structure.strings],
 }
-AnyLaw = Law | Callable[..., ArrayLike] | None
 
 
 class Ensemble(Sequence[Trajectory]):
@@ -136,7 +135,8 @@ class ManyRuns:
 
     Attributes:
         scenes: of the same members.
-        controllers: a law for all, or one a scene. A law that keeps something between calls gets a fresh state a run.
+        controllers: a law for all, or one a scene; each scene's own by default, None for none. A law that keeps
+            something between calls gets a fresh state a run.
         engine: `MuJoCo(...)`, without `accuracy`; or `JAX(method="rk4", ...)`, of scenes that differ in their starts
             and in their strings' stiffness, damping and rest lengths, under one law.
         duration, actuation, on_infeasible, output_interval, progress: as in `simulate`; the duration is the first
@@ -153,7 +153,7 @@ class ManyRuns:
     """
 
     scenes: Sequence[Scene]
-    controllers: AnyLaw | Sequence[AnyLaw] = None
+    controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW
     engine: MuJoCo | JAX | None = None
     _: KW_ONLY
     duration: float | None = None
@@ -176,7 +176,8 @@ class ManyRuns:
         total = scenes[0].duration if self.duration is None else self.duration
         requests: list[Request] = []
         known: dict[int, NativeLaw] = {}  # by law: describing one may take longer than running it
-        for number, (scene, law) in enumerate(zip(scenes, laws, strict=True)):
+        for number, (scene, given) in enumerate(zip(scenes, laws, strict=True)):
+            law = law_for(scene, given)
             shared = (self.actuation, self.on_infeasible, self.output_interval, self.progress and number == 0)
             if id(law) in known and callable(getattr(law, "native", None)):
                 native = native_law(law, scene.structure, known[id(law)].description)
@@ -230,7 +231,7 @@ def _shared(engine: Any, what: str) -> Any:
 @contextmanager
 def law_in(
     scene: Scene,
-    law: AnyLaw,
+    law: AnyLaw = SCENE_LAW,
     engine: MuJoCo | None = None,
     *,
     on_infeasible: OnInfeasible = OnInfeasible.STOP,
@@ -249,7 +250,7 @@ def law_in(
 
     Args:
         scene: whose model is made.
-        law: a law, or a function; it must not keep anything between calls.
+        law: a law, or a function; the scene's own by default. It must not keep anything between calls.
         engine: `MuJoCo(...)`: timestep and integrator of the model.
         on_infeasible: STOP: `InfeasibleError` at the end if the law had no solution anywhere. In either case the
             controls stay as they are at a state without one.
@@ -269,8 +270,9 @@ def law_in(
     if engine.descriptor is not ENGINES["mujoco"]:
         raise OptionError(f"engine = {engine!r}: law_in closes the loop inside MuJoCo: use MuJoCo(...)")
     member("on_infeasible", on_infeasible, OnInfeasible)
+    law = law_for(scene, law)
     if law is None:
-        raise OptionError("law = None: there is nothing to install")
+        raise OptionError(f"law_in: there is no law to install, and scene '{scene.name}' names none; give law")
     request = request_for(scene, law, None, None, on_infeasible, None, False)
     if not request.law.stateless:
         raise OptionError(

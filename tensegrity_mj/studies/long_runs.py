@@ -189,7 +189,7 @@ def default_step(scene: Scene) -> float:
     """`COARSENESS` over the fastest rate at the start [s], to two digits."""
     fastest = pace(scene).fastest
     if scene.structure.class_number > 1:  # joints, of which the pace knows nothing, make rods swing faster
-        fastest = max(fastest, stable_step(scene, DAE()).omega)
+        fastest = max(fastest, stable_step(scene, DAE(), law=None).omega)
     step = COARSENESS / fastest
     digit = 10.0 ** (math.floor(math.log10(step)) - 1)
     return float(f"{round(step / digit) * digit:.6g}")

@@ -42,7 +42,8 @@ from typing import Any
 from tensegrity_mj.basics.checks import check_known, choice_from
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.controllers.own import Spec
-from tensegrity_mj.controllers.specs import make, own_of, spec_of
+from tensegrity_mj.controllers.scenes import SCENE_LAW
+from tensegrity_mj.controllers.specs import NO_LAW, make, own_of, spec_of
 from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, option_names
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
@@ -94,7 +95,7 @@ class Draft:
             OptionError: if it cannot be made so.
         """
         options, control, spec = dict(self.law_options), self.scene.control, self._law()
-        if spec is None:
+        if spec == NO_LAW:
             if options:
                 raise OptionError(f"law.{next(iter(options))} needs a law, and there is none: set law too")
             return None
@@ -110,12 +111,11 @@ class Draft:
             return NominalWinches.between(law, self.scene.structure, self.plant.structure)
         return law
 
-    def _law(self) -> Spec | None:
-        """The spec of the law that is chosen, or of the scene's; None for none."""
+    def _law(self) -> Spec:
+        """The spec of the law that is chosen, or of the scene's."""
         if self.law is not None:
-            built_in = {"kind": "built-in", "name": self.law, "options": {}}
-            return None if self.law == "none" else self.own_laws.get(self.law, built_in)
-        return self.law_spec or (None if self.scene.control is None else spec_of(None, self.scene))
+            return self.own_laws.get(self.law, {"kind": "built-in", "name": self.law, "options": {}})
+        return self.law_spec or spec_of(SCENE_LAW, self.scene)
 
     def make_engine(self) -> Any:
         """The engine."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -15,9 +15,9 @@ import numpy as np
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.controllers.own import Spec, is_own
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw
 from tensegrity_mj.controllers.specs import own_of, spec_of
 from tensegrity_mj.controllers.table import LAWS, built_in
-from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.library.load import load_scene
@@ -57,9 +57,9 @@ class Sweep:
         samples, seed: of the draws; a seed is needed where something is drawn.
         fixed: parameters with one value, path -> value.
         engine: an engine, MuJoCo() by default; the parameter `engine` chooses another with its own defaults.
-        law: the scene's by default; the name of one, "module:name" or "path.py:name" of your own; a function of a
-            module, (scene, **options) -> law; or a law object, which workers must be able to import or make again, or
-            else this process computes alone. Its options are set by `law.<option>`.
+        law: the scene's own by default, None for none; the name of one, "module:name" or "path.py:name" of your own; a
+            function of a module, (scene, **options) -> law; or a law object, which workers must be able to import or
+            make again, or else this process computes alone. Its options are set by `law.<option>`.
         actuation, on_infeasible, output_interval: as for `simulate`.
         keep_trajectories: keep every run as a .nc file in the study's folder.
         family: the call; taken from `scene`.
@@ -72,7 +72,7 @@ class Sweep:
     seed: int | None = field(kinds.whole(0), default=None, none="None where nothing is drawn")
     fixed: Mapping[str, Any] = field(None, factory=dict)
     engine: Any = field(None, default=None)
-    law: Law | Callable[..., Any] | str | os.PathLike[str] | None = field(None, default=None)
+    law: AnyLaw | str | os.PathLike[str] = field(None, default=SCENE_LAW)
     actuation: Actuation = field(None, factory=Actuation.continuous)
     on_infeasible: OnInfeasible = field(None, default=OnInfeasible.STOP)
     output_interval: float | None = field(None, default=None)
@@ -155,7 +155,7 @@ class Sweep:
     @cached_property
     def _law(self) -> Spec | None:
         scene = cast(Scene, self.scene)
-        if self.law is None and (scene.control is None or scene.control.law in built_in()):
+        if self.law is SCENE_LAW and (scene.control is None or scene.control.law in built_in()):
             return None
         return spec_of(self.law, scene)  # an installed law has a digest, which the study must know
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from types import NoneType
 from typing import Any
@@ -23,7 +23,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, instance, real_array
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
+from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.capabilities import refusal
@@ -94,7 +95,8 @@ class StepSearch:
     Attributes:
         scene: what moves.
         engine: `MuJoCo(...)`, `DAE(method=Method.RK4, ...)`, `ODE(...)`; its own step does not count.
-        law: closes the loop, continuously. Where `actuation` holds something, the law only says what is held.
+        law: closes the loop, continuously; the scene's own by default, None for none. Where `actuation` holds
+            something, the law only says what is held.
         actuation: continuous by default.
         nodes, velocities: (N, 3) the state; the scene's start by default.
         rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
@@ -113,7 +115,7 @@ class StepSearch:
     scene: Scene
     engine: Any
     _: KW_ONLY
-    law: Law | Callable[..., ArrayLike] | NativeLaw | None = None
+    law: AnyLaw | NativeLaw = SCENE_LAW
     actuation: Actuation | None = None
     nodes: ArrayLike | None = None
     velocities: ArrayLike | None = None
@@ -126,7 +128,7 @@ class StepSearch:
         self._check()
         stepping = self.engine.stepping
         mode = (self.actuation or Actuation.continuous()).mode
-        law = self.law
+        law = law_for(scene, self.law)
         native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
         at_states = None if native is None or not native.address else LawAtStates(scene, native)
         loop = Loop(scene, Bodies.of(scene.structure), at_states, mode)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable
 from typing import Any
-
-from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.basics.warned import warn_caller
-from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
+from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import SceneError, StabilityWarning
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
@@ -103,7 +101,7 @@ def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Act
 def explain_warnings(
     run: Trajectory,
     engine: Any,
-    law: Law | Callable[..., ArrayLike] | None = None,
+    law: AnyLaw = SCENE_LAW,
     actuation: Actuation | None = None,
 ) -> None:
     """Where a run has warnings, find out whether its step was beyond the largest stable one on its way.
@@ -115,7 +113,8 @@ def explain_warnings(
     Args:
         run, engine, law, actuation: as in the call of `simulate` that gave the run.
     """
-    actuation, native = actuation or Actuation.continuous(), native_law(law, run.scene.structure)
+    actuation = actuation or Actuation.continuous()
+    native = native_law(law_for(run.scene, law), run.scene.structure)
     if not may_be_the_step(run, engine, native, actuation):
         return
     stepping: Stepping = engine.stepping

@@ -145,11 +145,11 @@ CALLS: dict[str, tuple[Callable[[], Any], tuple[str, ...]]] = {
     "a control period of zero": (lambda: tmj.Actuation.hold_rest_length(0.0), ("period", "0.0", "> 0 s")),
     "a law of a scene without one": (lambda: tmj.controllers.from_scene(tmj.load_scene("tbar")), ("tbar", "control")),
     "a run of another structure": (
-        lambda: tmj.compare(tmj.simulate(prism(), duration=0.01), tmj.simulate(tmj.load_scene("tbar"), duration=0.01)),
+        lambda: tmj.compare(tmj.simulate(prism(), None, duration=0.01), tmj.simulate("tbar", duration=0.01)),
         ("prism", "tbar"),
     ),
     "a film of another kind": (
-        lambda: tmj.render(tmj.simulate(prism(), duration=0.01), "film.avi"),
+        lambda: tmj.render(tmj.simulate(prism(), None, duration=0.01), "film.avi"),
         ("film.avi", "must end in .mp4"),
     ),
     "a scene that is a number": (lambda: tmj.load_scene(3), ("3", "path")),  # type: ignore[arg-type]

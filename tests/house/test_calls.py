@@ -56,7 +56,7 @@ def test_texts_give_what_objects_give(pinned_rod: Any, tmp_path: Path) -> None:
     assert text.provenance["controller"] == objects.provenance["controller"]
     path = tmj.save_scene(pinned_rod, tmp_path / "scene.toml")
     inside = simulation.simulate(pinned_rod, None, tmj.ODE(), duration=0.01)
-    assert np.array_equal(tmj.simulate(path, engine="ode", duration=0.01).nodes, inside.nodes)
+    assert np.array_equal(tmj.simulate(path, None, engine="ode", duration=0.01).nodes, inside.nodes)
     model = tmj.linearize("pinned_rod", "ode", law="lyapunov", inputs="force-density")
     law, inputs = tmj.controllers.from_scene(pinned_rod), tmj.Command.FORCE_DENSITY
     assert np.array_equal(model.A, linearizing.linearize(pinned_rod, tmj.ODE(), law=law, inputs=inputs).A)
@@ -82,7 +82,7 @@ def test_an_engine_of_a_name_takes_options_and_one_spelling_of_its_integrator(en
 
 def test_options_of_engines_reach_every_call(pinned_rod: Any) -> None:
     euler = tmj.MuJoCo(2e-3, tmj.Integrator.EULER)
-    many = tmj.simulate_many(["pinned_rod"], integrator=tmj.Integrator.EULER, timestep=2e-3, duration=0.02)
+    many = tmj.simulate_many(["pinned_rod"], None, integrator=tmj.Integrator.EULER, timestep=2e-3, duration=0.02)
     assert np.array_equal(many[0].nodes, simulation.simulate(pinned_rod, None, euler, duration=0.02).nodes)
     assert tmj.stable_step("pinned_rod", "mujoco", integrator="euler").scheme is euler.stepping.scheme
     assert "Euler" in tmj.linearize("pinned_rod", integrator="euler").engine

@@ -49,7 +49,7 @@ def report(pinned_rod: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     )
 
 
-def small(scene: Any, law: Any = None, **options: Any) -> Any:
+def small(scene: Any, law: Any = tmj.controllers.SCENE_LAW, **options: Any) -> Any:
     """A report of one engine and short runs, in this process."""
     chosen = {"engines": ["mujoco"], "duration": 1.0, "timestep": 5e-3, "control_period": 5e-3, "workers": HERE}
     return tmj.studies.validate(scene, law, quick=True, **(chosen | options))

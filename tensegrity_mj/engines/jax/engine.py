@@ -15,6 +15,7 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, number, positive, whole
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.basics.warned import warn_caller
+from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.jax.integrate import Tolerances
 from tensegrity_mj.engines.jax.program import Program
@@ -114,7 +115,7 @@ class JAX:
     def model(
         self,
         scene: Scene,
-        controller: Any = None,
+        controller: Any = SCENE_LAW,
         *,
         duration: float | None = None,
         actuation: Actuation | None = None,
@@ -136,6 +137,7 @@ class JAX:
         """
         instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(self, scene)
+        controller = law_for(scene, controller)
         if controller is not None and (isinstance(controller, type) or not callable(controller)):
             raise OptionError(
                 f"controller = {value_text(controller)}; use a law, as controllers.from_scene(scene, name)"

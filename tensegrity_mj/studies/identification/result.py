@@ -13,6 +13,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
+from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.controllers.specs import spec_of
 from tensegrity_mj.engines.table import checked_engine, engine_settings
 from tensegrity_mj.errors import printable
@@ -82,7 +83,7 @@ def identify(
     parameters: Iterable[Parameter | str],
     engine: Any = None,
     *,
-    law: Any = None,
+    law: Any = SCENE_LAW,
     options: FitOptions | None = None,
     folder: str | os.PathLike[str] | None = None,
     progress: bool = False,
@@ -95,7 +96,7 @@ def identify(
             what `studies.measured` makes of one by quantities, members and noise; or several of these.
         parameters: `studies.Parameter`, or paths as in sweeps: "structure.strings[s1].stiffness".
         engine: `JAX(...)`, which differentiates runs; any other does by central differences; `MuJoCo(...)` by default.
-        law: that was at work, which stays as it is; none by default.
+        law: that was at work, which stays as it is; the scene's own by default, None for none.
         options: see `studies.FitOptions`.
         folder: made where it is absent; identification.json and .html are written there, and the same call goes on
             after an interruption.
@@ -112,6 +113,7 @@ def identify(
         TensegrityError: as `simulate`, of the run with the starts.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    law = law_for(scene, law)
     engine, chosen = checked_engine(engine), FitOptions() if options is None else options
     instance("options", chosen, FitOptions, "use FitOptions(...)")
     name, settings = engine_settings(engine)

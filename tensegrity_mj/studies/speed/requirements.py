@@ -102,7 +102,8 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
     if not (able := engines_for(scene)):
         require(MuJoCo(), scene)
     in_mujoco = "mujoco" in able
-    limit = float(stable_step(scene.with_(contact=None), MuJoCo() if in_mujoco else engine_of(able[0], 1.0)).limit)
+    engine = MuJoCo() if in_mujoco else engine_of(able[0], 1.0)
+    limit = float(stable_step(scene.with_(contact=None), engine, law=None).limit)
     measured = None
     if timing and in_mujoco:
         from tensegrity_mj.studies.speed.step_timing import measure

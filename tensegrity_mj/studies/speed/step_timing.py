@@ -98,7 +98,7 @@ class StepTiming:
 def measure(scene: Scene, rounds: int = ROUNDS) -> StepTiming:
     """Measure a scene; about a second. The steps are short enough for the scene to be stable: that costs nothing."""
     models = {THE_SCENE: mujoco.MjModel.from_xml_string(scene_to_mjcf(scene)), **variants(scene)}
-    timestep = min(MuJoCo().timestep, stable_step(scene.with_(contact=None), MuJoCo()).limit / 10)
+    timestep = min(MuJoCo().timestep, stable_step(scene.with_(contact=None), MuJoCo(), law=None).limit / 10)
     for model in models.values():
         model.opt.timestep = timestep
     handler = mujoco.get_mju_user_warning()

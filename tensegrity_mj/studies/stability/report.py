@@ -13,6 +13,7 @@ from typing import Any
 from tensegrity_mj.basics.checks import member, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import aligned
+from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.engine_names import NAMES, TITLES, engine_of, simulates
@@ -37,7 +38,8 @@ class StabilityStudy:
 
     Attributes:
         scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
-        law: closes the loop in the part about the scene's own motion.
+        law: closes the loop in the part about the scene's own motion; the scene's own by default, where it can be
+            evaluated at every stage; None for none.
         engines: names from `engine_names.NAMES`.
         maps: axes of `cases.AXES`.
         quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
@@ -53,7 +55,7 @@ class StabilityStudy:
 
     scene: Scene
     _: KW_ONLY
-    law: Any = None
+    law: Any = SCENE_LAW
     engines: Sequence[str] = NAMES
     maps: Sequence[str] = ()
     quick: bool = False
@@ -77,12 +79,15 @@ class StabilityStudy:
                 f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
                 f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
             )
+        law = law_for(scene, self.law)
+        if self.law is SCENE_LAW and getattr(law, "discontinuous", None):
+            law = None
         measured = [name for name in engines if simulates(name, scene)]
         base, text = scene_at_rest(scene, bool(self.maps))
         data: dict[str, Any] = {
             "scene": scene.name,
             "engines": engines,
-            "start": _start(scene, self.law, engines),
+            "start": _start(scene, law, engines),
             "base": {"text": text, "engines": {name: at_rest(base, name) for name in measured}},
         }
         if self.maps:

@@ -47,7 +47,7 @@ def at_rest(scene: Scene, name: str) -> dict[str, Any]:
 
     With rods that close loops the motion without a perturbation is simulated, too: MuJoCo's constraints settle first.
     """
-    found, most = stable_step(scene, engine_of(name, 1.0)), MOST.get(name, USUAL_MOST)
+    found, most = stable_step(scene, engine_of(name, 1.0), law=None), MOST.get(name, USUAL_MOST)
     measured = measured_limit(
         scene,
         lambda step: engine_of(name, step),

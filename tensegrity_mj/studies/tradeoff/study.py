@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.controllers import specs
+from tensegrity_mj.controllers.scenes import SCENE_LAW
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
@@ -66,7 +67,7 @@ class Tradeoff(Report):
 
 def tradeoff(
     scene: Scene | str | os.PathLike[str],
-    law: Any = None,
+    law: Any = SCENE_LAW,
     *,
     law_options: Mapping[str, Any] | None = None,
     folder: str | os.PathLike[str] | None = None,
@@ -77,8 +78,8 @@ def tradeoff(
 
     Args:
         scene: a scene, or the name or the path of one. Its loads must not be a Python function.
-        law: of the closed loop: the scene's by default; the name of a built-in one, "module:name", "path.py:name", a
-            law or a function.
+        law: of the closed loop: the scene's own by default, None for none; the name of a built-in one, "module:name",
+            "path.py:name", a law or a function.
         law_options: of a law that a text names, or of the scene's, by their names.
         folder: made where it is absent; tradeoff.json and tradeoff.html are written there, and the same call goes on
             after an interruption. None keeps nothing.
@@ -97,12 +98,10 @@ def tradeoff(
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     chosen = options or TradeoffOptions()
-    has_law = law is not None or scene.control is not None
-    if not has_law and Loop.OPEN not in chosen.loops:
-        raise OptionError(
-            f"scene '{scene.name}' names no control law, and only the closed loop is requested: give a law"
-        )
-    spec = specs.spec_of(law, scene, law_options) if has_law else None
+    given = specs.spec_of(law, scene, law_options)
+    spec = None if given == specs.NO_LAW else given
+    if spec is None and Loop.OPEN not in chosen.loops:
+        raise OptionError(f"scene '{scene.name}' names no control law, and only the closed loop is requested: give one")
     made = specs.make(spec, scene) if spec is not None else None
     facts = None if spec is None else plain(specs.describe(spec, made, scene), "what the law says of itself")
     study = {

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
-
-from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.controllers import specs
-from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, named_in
 from tensegrity_mj.engines.requirements import engines_for, only_one
 from tensegrity_mj.engines.table import ENGINES, installed
 from tensegrity_mj.errors import OptionError
@@ -56,7 +54,7 @@ class Validate:
 
     Attributes:
         scene: a scene, or the name or the path of one; its loads must not be a Python function.
-        law: the scene's law by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
+        law: the scene's own by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
             object or function. What no other process can import is run in this one.
         law_options: of a law that a text names, or of the scene's, by their names.
         folder: where the report is written (validation.json, validation.html) and finished runs are kept, so that the
@@ -81,7 +79,7 @@ class Validate:
     """
 
     scene: Scene | str | os.PathLike[str]
-    law: Law | Callable[..., ArrayLike] | str | os.PathLike[str] | None = None
+    law: AnyLaw | str | os.PathLike[str] = SCENE_LAW
     _: KW_ONLY
     law_options: Mapping[str, Any] | None = None
     folder: str | os.PathLike[str] | None = None
@@ -99,6 +97,8 @@ class Validate:
     def __call__(self) -> Validation:
         scene = self.scene if isinstance(self.scene, Scene) else load_scene(self.scene)
         spec = specs.spec_of(self.law, scene, self.law_options)
+        if spec == specs.NO_LAW:
+            raise OptionError(f"validate: there is no law to test; leave law out to test '{named_in(scene)}'")
         made = specs.make(spec, scene)
         description = plain(specs.describe(spec, made, scene), "what the law says of itself")
         setup = self._setup(scene, made)
