@@ -19,7 +19,8 @@ from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.vibration.resistance import bending_pulls
 from tensegrity_mj.vibration.state import State
 
-ROUND_OFF = 1e-14  # of the forces on a rod's ends
+EPS = float(np.finfo(float).eps)
+ROUND_OFF = 64 * EPS  # of magnitudes that are added: each passes through some dozens of operations
 
 
 def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
@@ -30,7 +31,7 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     """
     bodies, motion, joints, structure = state.bodies, state.motion, state.joints, state.scene.structure
     R, B = len(bodies.length), len(bodies.mass)
-    forces = _forces_on_nodes(state, pulls)
+    forces, sizes = forces_on_nodes(state, pulls)
     first, second = structure.rod_nodes.T
     driven = _driven(state)
     weight = np.array(state.scene.gravity) - driven  # (B, 3) felt by what moves with its support
@@ -67,8 +68,8 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     t_b = np.sum(bodies.ends[:, :, None] * at_ends, axis=1) + bodies.f[:R, None] * weight[:R] + bends
     along = np.sum(motion.b * (t_b - bodies.f[:R, None] * r_acceleration), axis=1)
     # Forces that cancel leave round-off, which is no stiffness.
-    largest = np.sum(np.abs(bodies.ends) * np.linalg.norm(at_ends, axis=2), axis=1) + np.linalg.norm(bends, axis=1)
-    along = np.where(np.abs(along) > ROUND_OFF * largest, along, 0.0)
+    noise = bodies.length * forces_round_off(state, sizes)[:R] + ROUND_OFF * np.linalg.norm(bends, axis=1)
+    along = np.where(np.abs(along) > noise, along, 0.0)
     bars = Bars.of(structure)
     _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
     along[bars.rows] = pulled / lengths * bars.lengths**2  # what holds an elastic rod's length is its own force
@@ -81,15 +82,33 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     return blocks, acceleration.ravel()
 
 
-def _forces_on_nodes(state: State, pulls: Array) -> Array:
-    """(N, 3) [N] of loads, fluids, elements and strings: of bent joints and of water there is more than forces."""
+def forces_on_nodes(state: State, pulls: Array) -> tuple[Array, Array]:
+    """(N, 3) [N] of loads, fluids, elements and strings, and the sums (N,) [N] of their magnitudes.
+
+    Of bent joints and of water there is more than forces.
+    """
     scene = state.scene
     acting = [one for one in scene.effects if not isinstance(one, (BendingStiffness, BendingDamping, Water))]
-    forces = forces_of(acting, scene, state.time, state.nodes, state.velocities)
+    each = [forces_of([one], scene, state.time, state.nodes, state.velocities) for one in acting]
+    forces = sum(each, np.zeros_like(state.nodes))
+    sizes = sum((np.linalg.norm(one, axis=1) for one in each), np.zeros(len(state.nodes)))
     i, j = scene.structure.paths.nodes.T
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)
-    return forces
+    np.add.at(sizes, np.concatenate([i, j]), np.tile(np.linalg.norm(pulls, axis=1), 2))
+    return forces, sizes
+
+
+def forces_round_off(state: State, sizes: Array) -> Array:
+    """(B,) [N] what round-off leaves of forces on each body that cancel, of `sizes` by `forces_on_nodes`.
+
+    A joint's force is a sum of what acts on all bodies, three components each.
+    """
+    bodies = state.bodies
+    B = len(bodies.mass)
+    own = np.bincount(bodies.body, sizes, minlength=B + 1)[:B]
+    own += bodies.mass * np.linalg.norm(np.array(state.scene.gravity) - _driven(state), axis=1)
+    return np.asarray(ROUND_OFF * own + (0.0 if state.joints is None else 3 * B * EPS * own.sum()))
 
 
 def _turning_rates(state: State) -> Array:

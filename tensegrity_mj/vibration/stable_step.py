@@ -211,6 +211,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
         limit, y = math.inf, np.zeros(n)
     else:
         limit, y = limit_of(model, scheme, stepping.constraints)
+        y = y if math.isfinite(limit) else np.zeros(n)  # nothing grows: what is left is a vector of round-off
     motion = model.motion(y)
     largest = np.abs(motion).max(initial=0.0)
     kinetic = np.sum(y.reshape(-1, model.state.bodies.slots) ** 2, axis=1)
