@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _stdout_to_stderr(), _warnings_in_one_line():
             outcome = _executed(options)
             print(*map(printable, outcome.notes), sep="\n", end="\n" if outcome.notes else "")
-        answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
+        answer = to_json(outcome.answer) if as_json else printable(outcome.words, keep="\n")
     except UsageError as error:
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
     except TensegrityError as error:

@@ -19,6 +19,7 @@ from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
 if TYPE_CHECKING:
+    from tensegrity_mj.pictures.findings import Judgement
     from tensegrity_mj.runs.trajectory import Status
 
 
@@ -41,12 +42,36 @@ EXIT_CODES: str = SHARED["exit_codes"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found out: `data` for --json, `text` for people, and `notes`, a line each on stderr."""
+    """The answer of a command.
+
+    Attributes:
+        data: for --json.
+        text: for people.
+        code: the exit code.
+        notes: a line each on stderr.
+        judgement: added to both data and text; its page has the same.
+        warned: whether its findings were warnings on stderr, and only the verdict is left to say.
+    """
 
     data: dict[str, Any] = field(default_factory=dict)
     text: str = ""
     code: ExitCode = ExitCode.SUCCESS
     notes: Sequence[str] = ()
+    judgement: Judgement | None = None
+    warned: bool = False
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """Everything, for --json."""
+        return self.data if self.judgement is None else {**self.data, **self.judgement.to_dict()}
+
+    @property
+    def words(self) -> str:
+        """Everything, for people: the judgement first."""
+        if self.judgement is None:
+            return self.text
+        judged = self.judgement.verdict if self.warned else "\n".join(self.judgement.lines())
+        return "\n\n".join(filter(None, [judged, self.text]))
 
 
 def code_of_status(status: Status) -> ExitCode:

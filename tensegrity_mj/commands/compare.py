@@ -68,28 +68,28 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc or .csv files")
 
-    from tensegrity_mj.runs.verdicts import verdict
+    from tensegrity_mj.pictures.page import judgement_of_runs
 
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
             warn(f"{run.engine}: {run.reports['accuracy'].get('reason', 'its accuracy was not met')}")
-        for warning in run.reports.get("warnings", []):
-            warn(f"{run.engine}: {warning}")
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:
         # Stopped where it began: there is nothing to compare.
         numbers: dict[str, Any] = {**dict.fromkeys(WORDS), "first_exceeded": {}, "tolerances": {}}
-        numbers["verdict"] = verdict([first, second])
+        judgement = judgement_of_runs([first, second])
         plot = None
     else:
         comparison = _compared(first, second, options)
         numbers = comparison.to_dict()
         numbers["tolerances"] = {name: comparison.tolerance_of(name) for name in comparison.NAMES}
-        numbers["verdict"] = verdict([first, second], comparison)
+        judgement = judgement_of_runs([first, second], comparison)
         if plot:
             with for_paper(options.paper):
                 pictures.plots.plot_comparison(comparison, plot, runs=[first, second])
+    for finding in judgement.findings:
+        warn(finding.text)
     # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
@@ -108,7 +108,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "out": files,
         "plot": plot,
     }
-    return Outcome(data, describe(data), code)
+    return Outcome(data, describe(data), code, judgement=judgement, warned=True)
 
 
 def describe(data: dict[str, Any]) -> str:
@@ -125,7 +125,7 @@ def describe(data: dict[str, Any]) -> str:
         if not math.isnan(error := data[f"{name}_error_estimate"])
     ]
     rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
-    return "\n\n".join(filter(None, [data["verdict"], table(rows)]))
+    return table(rows)
 
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:

@@ -47,4 +47,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.scene_out is not None:
         model.save_scene(found.scene, options.scene_out)
     status = "completed" if found.data["converged"] else "not converged"
-    return Outcome({"status": status, **found.data}, repr(found), notes=wrote(found.folder, "identification.html"))
+    return Outcome(
+        {"status": status, **found.data},
+        "\n".join(found.table()),
+        notes=wrote(found.folder, "identification.html"),
+        judgement=found.judgement,
+    )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from tensegrity_mj import studies
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import ExitCode, Outcome
+from tensegrity_mj.pictures.findings import Judgement
 
 if TYPE_CHECKING:
     from tensegrity_mj.thesis.disturbance import Disturbance
@@ -50,8 +51,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         ]
         for row in found.rows
     ]
-    text = "\n".join([*aligned([heads, *lines]), "", f"{page.summary(found.rows)}.", "", f"Written: {files['page']}"])
-    return Outcome(data, text, ExitCode.PROGRAM_ERROR if found.unexplained else ExitCode.SUCCESS)
+    text = "\n".join([*aligned([heads, *lines]), "", f"Written: {files['page']}"])
+    code = ExitCode.PROGRAM_ERROR if found.unexplained else ExitCode.SUCCESS
+    return Outcome(data, text, code, judgement=Judgement(f"{page.summary(found.rows)}."))
 
 
 def _disturbance(text: str | None) -> Disturbance | None:

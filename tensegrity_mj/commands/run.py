@@ -14,6 +14,7 @@ from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, code_of_status, distinct, for_paper, number, refuse, table, warn
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.pictures.page import judgement_of_runs
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -70,8 +71,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         pictures.make_web_page(run).save(web)
     if options.view and len(run.time):
         pictures.play(run, options.speed or 1.0, thickness=bool(options.thickness))
-    for warning in run.reports.get("warnings", []):
-        warn(warning)
+    judgement = judgement_of_runs([run])
+    for finding in judgement.findings:
+        warn(finding.text)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     text = describe(data)
     if after is not None and (run.time >= after).sum() < 2:
@@ -81,7 +83,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
         data["statistics"] = {"after": after, **{name: one.report() for name, one in found.items()}}
         text = "\n\n".join([text, *(repr(one) for one in found.values() if one.names)])
-    return Outcome(data, text, code_of_status(run.status))
+    return Outcome(data, text, code_of_status(run.status), judgement=judgement, warned=True)
 
 
 def summary(run: runs.Trajectory) -> dict[str, Any]:

@@ -66,10 +66,11 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video is not None and study.modes is not None:
         _film(study.modes, mode, video)
     written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
-    lines = table([*study.describe(), *(("written", str(path)) for path in written)])
+    lines = table([("written", str(path)) for path in written])
     files = {"out": folder, "saved_scene": saved, "saved_sized": sized, "mode_video": video}
     data = {"status": study.status, **study.to_dict(), **files}
-    return Outcome(data, lines, ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE)
+    code = ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE
+    return Outcome(data, lines, code, judgement=study.judgement)
 
 
 def _film(modes: statics.Modes, mode: int, video: Path) -> None:

@@ -32,6 +32,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     workers = _workers(options)
 
     from tensegrity_mj.controllers.scenes import SCENE_LAW
+    from tensegrity_mj.studies.page import judgement_of
     from tensegrity_mj.studies.table import USUAL, check_measures, counts, rows_of
 
     measures = check_measures(options.measures.split(",") if options.measures is not None else USUAL)
@@ -61,7 +62,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         "page": page,
         "outcomes": study.to_dict()["points"],
     }
-    return Outcome(data, describe(data, rows, sweep.parameters, measures))
+    text = describe(data, rows, sweep.parameters, measures)
+    return Outcome(data, text, judgement=judgement_of(sweep, study, measures))
 
 
 def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str], measures: Sequence[str]) -> str:

@@ -35,8 +35,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         folder = None if options.out is None else Path(options.out) / name
         own = law_options_of(options)
         study = tradeoff(scene, options.law or SCENE_LAW, law_options=own, folder=folder, options=chosen, progress=True)
-        found.append(study.data)
-        lines += [f"{scene.name}:", *(f"  {text}" for text in sentences(study.data)), ""]
+        found.append(study.answer)
+        told = [*study.judgement.lines(), *sentences(study.data)]
+        lines += [f"{scene.name}:", *(f"  {text}" for text in told), ""]
         if folder is not None:
             if has_diagram(study.data):
                 study.save_figure(folder / PICTURE)

@@ -29,7 +29,6 @@ def execute(options: argparse.Namespace) -> Outcome:
         workers=studies.Workers(options.workers),
         progress=True,
     )
-    lines = list(report.summary)
-    if report.folder is not None:
-        lines.append(f"All of it: {report.folder / PAGE} and {report.folder / DATA}.")
-    return Outcome(dict(report.data), "\n".join(lines), notes=wrote(report.folder, PAGE))
+    folder = report.folder
+    text = "" if folder is None else f"All of it: {folder / PAGE} and {folder / DATA}."
+    return Outcome(report.data, text, notes=wrote(folder, PAGE), judgement=report.judgement)

@@ -24,6 +24,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.figure import print_png
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.runs.comparison import Comparison
 from tensegrity_mj.runs.differences import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -111,7 +112,7 @@ class Report:
             raise OptionError("a report needs at least one run; none was given")
         scene = self.runs[0].scene
         shown = _video(self.video, self.video_note) if self.video is not None or self.video_note else ""
-        head = f'<p class="verdict">{escape(verdict(self.runs, self.comparison))}</p>'
+        head = "".join(judgement_of_runs(self.runs, self.comparison).html())
         requested = _requested(self.runs, self.introduction, titled=self.title is not None)
         opening = [f'<div class="beside"><div>{head}{requested}</div><div>{shown}</div></div>']
         sections = [Section("Plots", parts=list(self.pictures))] if self.pictures else []
@@ -130,6 +131,13 @@ class Report:
 write_report = function_of(Report)
 
 
+def judgement_of_runs(runs: Sequence[Trajectory], comparison: Comparison | None = None) -> Judgement:
+    """What came out of runs in a sentence, and what they warn of."""
+    texts = [(run, str(text)) for run in runs for text in run.reports.get("warnings") or []]
+    named = [f"{run.engine}: {text}" if len(runs) > 1 else text for run, text in texts]
+    return Judgement(verdict(runs, comparison), [Finding(Mark.LIMITED, text) for text in named])
+
+
 def write_sections(
     path: PathLike,
     title: str,
@@ -143,7 +151,7 @@ def write_sections(
 
     Args:
         what: it is, in messages.
-        opening: HTML under the title, see `opening_of`.
+        opening: HTML under the title, see `Judgement.html`.
 
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.

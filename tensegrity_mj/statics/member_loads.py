@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.structure import Structure
 
 
@@ -33,6 +34,7 @@ class Use:
         limit: the force that it bears [N].
         utilisation: 1 at the limit.
         time: [s] of a run; None in statics.
+        chosen: whether the force is a choice, of a redundant rigid rod.
     """
 
     member: str
@@ -41,14 +43,16 @@ class Use:
     limit: float
     utilisation: float
     time: float | None = None
+    chosen: bool = False
 
     def describe(self) -> str:
         """In words."""
         kind = "string" if self.criterion is Criterion.STRENGTH else "rod"
+        chosen = ", but its force is a choice" if self.chosen else ""
         when = "" if self.time is None else f" at t = {self.time:.6g} s"
         return (
             f"{kind} '{self.member}' is at {100 * self.utilisation:.4g} % of its {self.criterion.value} limit{when}: "
-            f"{self.force:.5g} N of {self.limit:.5g} N"
+            f"{quantity(self.force, 'N', 5)} of {quantity(self.limit, 'N', 5)}{chosen}"
         )
 
 
@@ -71,6 +75,7 @@ class MemberLoads:
         rod_lengths: ℓ (T, R) [m].
         tensions: T (T, M) [N].
         times: (T,) [s], or None where there is only one row and no time.
+        chosen: names of the rods whose forces are a choice, see `statics.determinacy`.
     """
 
     structure: Structure
@@ -78,6 +83,7 @@ class MemberLoads:
     rod_lengths: Array
     tensions: Array
     times: Array | None = None
+    chosen: tuple[str, ...] = ()
 
     @cached_property
     def stresses(self) -> Array:
@@ -117,8 +123,8 @@ class MemberLoads:
 
     @cached_property
     def unchecked(self) -> tuple[str, ...]:
-        """What has no limit to compare with: "rod 'r1' (yield)", "string 's1' (strength)", ..."""
-        found = []
+        """What cannot be compared: "rod 'r1' (yield)", "string 's1' (strength)", "rod 'r2' (its force is a choice)"."""
+        found = [f"rod '{name}' (its force is a choice)" for name in self.chosen]
         for rod in self.structure.rods:
             if rod.section is None:
                 found.append(f"rod '{rod.name}' (yield, buckling)")
@@ -146,7 +152,17 @@ class MemberLoads:
                 at = (row, column)
                 if np.isfinite(use[at]):
                     time = None if self.times is None else float(self.times[row])
-                    found.append(Use(name, criterion, float(force[at]), float(limit[at]), float(use[at]), time))
+                    found.append(
+                        Use(
+                            name,
+                            criterion,
+                            float(force[at]),
+                            float(limit[at]),
+                            float(use[at]),
+                            time,
+                            name in self.chosen,
+                        )
+                    )
         return sorted(found, key=lambda one: -one.utilisation)
 
     @cached_property

@@ -9,21 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.basics.jsontext import plain
-from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.statics import figures
+from tensegrity_mj.statics.words import reactions
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
     from tensegrity_mj.statics.study import StaticStudy
 
-MOST_LINES = 3  # of a finding
 USES = {"member": "member", "criterion": "criterion", "force": "force [N]", "limit": "limit [N]"}  # heads of a `Use`
 USES |= {"utilisation": "utilisation", "time": "time [s]"}
 EXPLAINED = (
-    "Grey is where the scene starts, colour the equilibrium. Rods are straight and carry axial forces alone, strings "
-    "only pull, and neither contact nor a fluid has a part in it; docs/statics.md says what is computed and how."
+    "Grey is where the scene starts, colour the equilibrium. Rods are straight and carry axial forces alone, and "
+    "strings only pull; notes say what of the scene has no part in it, and docs/statics.md what is computed and how."
 )
 
 
@@ -49,51 +47,12 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
     if study.run is not None:
         uses = [Table.of("largest uses", USES, plain(study.run.uses), folded=True)] if study.run.uses else []
         sections.append(Section("Members over the run", study.run.describe(), uses))
-    sections.append(
-        Section("All that was found", parts=[Table("A line each", ("", ""), study.describe(), folded=True)])
-    )
+    judgement = study.judgement
+    lines = [("" if one.mark is None else one.mark.value, one.name, one.text) for one in judgement.findings]
+    sections.append(Section("All that was found", parts=[Table("A line each", ("", "", ""), lines, folded=True)]))
     scene = study.model.scene
     title = f"Statics of {scene.name}" + (f": {scene.source}" if scene.source else "")
-    found = _findings(study)
-    return write_sections(path, title, EXPLAINED, sections, opening=opening_of(_verdict(study), found))
-
-
-def _verdict(study: StaticStudy) -> str:
-    """Whether it stands, and by how much it moved to do so."""
-    name, state = study.model.scene.name, study.state
-    if state is None:
-        return f"No equilibrium of {name} was found: {study.failure}."
-    kind = "in stable equilibrium" if state.is_stable else "in equilibrium, but not in a stable one"
-    return f"{name} is {kind}; its nodes are up to {quantity(study.moved, 'm', 2)} from where they start."
-
-
-def _findings(study: StaticStudy) -> list[Finding]:
-    """The lines of the study that are to be judged, each kind of them as one."""
-    texts: dict[str, list[str]] = {}
-    kind = ""
-    for name, text in study.describe():
-        kind = name or kind
-        texts.setdefault(kind, []).append(text)
-    state = study.state
-    marks = {"equilibrium": Mark.BAD if state is None else Mark.GOOD if state.is_stable else Mark.LIMITED}
-    if state is not None:
-        marks["slack strings"] = Mark.GOOD if texts.get("slack strings") == ["none"] else Mark.LIMITED
-    if study.prestressability is not None:
-        can = study.prestressability
-        texts["prestress"] = texts["prestress"][-1:]  # what it comes to
-        marks["prestress"] = Mark.GOOD if np.all(can.can_pull) and np.all(can.can_push) else Mark.LIMITED
-    if study.members is not None:
-        loads = study.members.loads
-        uses = [float(np.nanmax(part, initial=0.0)) for part in (loads.breaking, loads.yielding, loads.buckling)]
-        known = any(np.isfinite(part).any() for part in (loads.breaking, loads.yielding, loads.buckling))
-        marks["members"] = Mark.BAD if max(uses) > 1.0 else Mark.GOOD if known else Mark.LIMITED
-    usual = {"critical": Mark.LIMITED, "event": Mark.LIMITED, "beyond a limit": Mark.BAD, "note": Mark.LIMITED}
-    marks |= {name: mark for name, mark in usual.items() if name in texts}
-    return [
-        Finding(mark, f"{name[:1].upper()}{name[1:]}: {'; '.join(texts[name][:MOST_LINES])}.")
-        for name, mark in marks.items()
-        if name in texts
-    ]
+    return write_sections(path, title, EXPLAINED, sections, opening=judgement.html())
 
 
 def _found(study: StaticStudy, state: StaticState) -> list[Section]:
@@ -144,8 +103,25 @@ def _tables(study: StaticStudy, state: StaticState) -> list[Table]:
         parts = () if loads is None else (loads.stresses, loads.yielding, loads.buckling)
         uses = [float(part[0, row]) for part in parts] or [np.nan] * 3
         can = "" if found is None else "yes" if found.can_push[row] else "no"
-        rods.append((rod.name, state.rod_lengths[row], state.rod_forces[row], *uses, can))
+        chosen = "no: a choice" if rod.name in state.determinacy.chosen else "yes"
+        rods.append((rod.name, state.rod_lengths[row], state.rod_forces[row], *uses, can, chosen))
     heads = ("string", "rest length [m]", "length [m]", "tension [N]", "of its strength", "can pull in self-stress")
-    rod_heads = ("rod", "length [m]", "force [N]", "stress [Pa]", "of yield", "of buckling", "can push in self-stress")
-    both = ((heads, strings, "strings"), (rod_heads, rods, "rods"))
+    rod_heads = (
+        "rod",
+        "length [m]",
+        "force [N]",
+        "stress [Pa]",
+        "of yield",
+        "of buckling",
+        "can push in self-stress",
+        "determined",
+    )
+    nodes = [
+        (name, *load, *reaction)
+        for name, load, reaction in zip(structure.node_names, state.loads, reactions(state), strict=True)
+        if np.any(load) or np.any(reaction)
+    ]
+    nodes.append(("all", *state.loads.sum(axis=0), *reactions(state).sum(axis=0)))
+    node_heads = ("node", *(f"{what} {axis} [N]" for what in ("load", "reaction") for axis in "xyz"))
+    both = ((node_heads, nodes, "loads and reactions"), (heads, strings, "strings"), (rod_heads, rods, "rods"))
     return [Table(title, columns, rows, folded=True) for columns, rows, title in both if rows]

@@ -67,7 +67,14 @@ class Response:
     def of(cls, path: Path) -> Response:
         """Of a path."""
         lengths = np.array([state.rod_lengths for state in path.states])
-        loads = MemberLoads(path.model.structure, path.rod_forces, lengths, path.tensions, path.parameters)
+        loads = MemberLoads(
+            path.model.structure,
+            path.rod_forces,
+            lengths,
+            path.tensions,
+            path.parameters,
+            path.states[-1].determinacy.chosen,
+        )
         return cls(path, tuple(_curves(path)), tuple(_slack_events(path)), loads)
 
     @property

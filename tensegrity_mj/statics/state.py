@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.determinacy import Determinacy, determinacy
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
@@ -28,7 +29,7 @@ class StaticState:
         nodes: (N, 3) [m].
         bar_forces: [N] axial forces of the model's `bars`, rods first, negative in compression. Where rigid rods
             are redundant, nothing determines their own states of self-stress: these are the forces of least sum of
-            squares, which have none of them.
+            squares, which have none of them (`determinacy` says of which).
         parameter: of the path that it is on: what further loads and holds' displacements are multiplied by.
         iterations: how many it took.
     """
@@ -79,6 +80,11 @@ class StaticState:
         """(R,) [N] axial forces of the rods."""
         return self.bar_forces[: len(self.model.structure.rods)]
 
+    @cached_property
+    def determinacy(self) -> Determinacy:
+        """Which forces of rods, and which reactions, equilibrium determines, and which are a choice."""
+        return determinacy(self.model, self.x)
+
     @property
     def rod_lengths(self) -> Array:
         """(R,) [m]: as they are; those of elastic rods change with their forces."""
@@ -98,6 +104,11 @@ class StaticState:
     def reactions(self) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with."""
         return self.model.reactions(self.x, self.bar_forces, self.parameter)
+
+    @property
+    def loads(self) -> Array:
+        """(N, 3) [N] on the nodes from outside: weights, loads, wind, water, and elements that store energy."""
+        return self.model.external(self.parameter).reshape(-1, 3) + self.model.element_forces(self.x).reshape(-1, 3)
 
     @property
     def energy(self) -> float:

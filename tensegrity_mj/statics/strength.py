@@ -28,6 +28,7 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import ends
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
 from tensegrity_mj.statics.words import by_member, listed
@@ -70,6 +71,11 @@ class Check:
     def ok(self) -> bool:
         """Whether every member was checked, and none is beyond its limit. Slack strings are no violation."""
         return not self.violations and not self.unchecked
+
+    @property
+    def mark(self) -> Mark:
+        """Bad beyond a limit, good where every member was checked."""
+        return Mark.BAD if self.violations else Mark.GOOD if self.ok else Mark.LIMITED
 
     def _verdict(self) -> list[str]:
         """The verdict, the worst member, and what could not be checked."""
@@ -116,6 +122,7 @@ class MemberCheck(Check):
         loads = self.loads
         rods = {
             "force": loads.rod_forces[0],
+            "determined": [rod.name not in loads.chosen for rod in loads.structure.rods],
             "stress": loads.stresses[0],
             "yield_load": loads.yield_loads,
             "euler_load": loads.euler_loads[0],
@@ -166,7 +173,13 @@ class TrajectoryCheck(Check):
 
 
 def check_members(
-    structure: Structure, nodes: ArrayLike, rod_forces: ArrayLike, tensions: ArrayLike, *, slack_below: float = 0.0
+    structure: Structure,
+    nodes: ArrayLike,
+    rod_forces: ArrayLike,
+    tensions: ArrayLike,
+    *,
+    slack_below: float = 0.0,
+    chosen: tuple[str, ...] = (),
 ) -> MemberCheck:
     """What the members bear.
 
@@ -176,6 +189,7 @@ def check_members(
         rod_forces: N (R,) [N], positive in tension.
         tensions: T (M,) [N].
         slack_below: [N]: a string is slack where its tension is at most this.
+        chosen: names of the rods whose forces are a choice, see `StaticState.determinacy`; they are not ok.
 
     Raises:
         OptionError: for arrays of another shape, numbers that are not finite, or a rod whose ends coincide.
@@ -189,14 +203,15 @@ def check_members(
         raise OptionError(f"nodes: the ends of rod '{name}' coincide; a rod has a length")
     forces = real_array("rod_forces", rod_forces, (len(structure.rods),), "N", scalar=False)
     pulls = real_array("tensions", tensions, (len(structure.strings),), "N", scalar=False)
-    loads = MemberLoads(structure, forces[None], lengths[None], pulls[None])
+    loads = MemberLoads(structure, forces[None], lengths[None], pulls[None], chosen=chosen)
     slack = tuple(string.name for string, pull in zip(structure.strings, pulls, strict=True) if pull <= threshold)
     return MemberCheck(loads, tuple(loads.largest()), slack)
 
 
 def check_state(state: StaticState, *, slack_below: float = 0.0) -> MemberCheck:
     """What the members bear in a state of equilibrium; see `check_members`."""
-    return check_members(state.model.structure, state.nodes, state.rod_forces, state.tensions, slack_below=slack_below)
+    where = (state.model.structure, state.nodes, state.rod_forces, state.tensions)
+    return check_members(*where, slack_below=slack_below, chosen=state.determinacy.chosen)
 
 
 def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> TrajectoryCheck:
@@ -218,9 +233,15 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
         raise OptionError(f"the run of scene '{run.scene.name}' has no finite samples: there is nothing to check")
     structure, times = run.scene.structure, run.time[:count]
     lengths = norm(np.subtract(*ends(structure, run.nodes[:count])))
-    loads = MemberLoads(structure, run.rod_force_densities[:count] * lengths, lengths, run.tensions[:count], times)
+    forces, chosen = run.rod_force_densities[:count] * lengths, _chosen(run)
+    loads = MemberLoads(structure, forces, lengths, run.tensions[:count], times, chosen)
     slack = _slack_intervals(run, times, loads.tensions <= threshold)
     return TrajectoryCheck(loads, tuple(loads.largest()), loads.first_exceeded, slack)
+
+
+def _chosen(run: Trajectory) -> tuple[str, ...]:
+    """Names of the rods whose forces the engine chose."""
+    return tuple(rod.name for rod in run.scene.structure.rods if rod.name in run.scene.redundancy.undetermined)
 
 
 def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) -> tuple[SlackInterval, ...]:

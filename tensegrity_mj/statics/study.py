@@ -21,6 +21,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import labels_of
 from tensegrity_mj.statics import words
@@ -123,9 +124,14 @@ class StaticStudy:
             raise InfeasibleError(self.failure)
         return standalone_scene(self.state)
 
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict, and all that there is to say, a line each: the source of text, page and JSON."""
+        return Judgement(words.verdict(self), words.findings(self))
+
     def describe(self) -> list[tuple[str, str]]:
         """Names and what there is to say, a line each."""
-        return words.describe(self)
+        return [(one.name, one.text) for one in self.judgement.findings]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values; docs/statics.md explains the keys."""
@@ -341,14 +347,18 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
     scene, still = model.scene, np.zeros_like(model.start)
     varying = callable(scene.loads) or any(load.angular_frequency for load in scene.loads)
     others = (one for one in scene.effects if one.work is not Work.STORED and one.label != "loads")
-    pushing = [one.label for one in others if np.any(forces_of([one], scene, 0.0, model.start, still))]
+    pushing = [
+        "wind" if one.label == "resistance" else one.label
+        for one in others
+        if np.any(forces_of([one], scene, 0.0, model.start, still))
+    ]
     wet = bool(scene.adding_mass)
     notes = {
         "the control law is left out: strings have their own rest lengths": scene.control is not None,
         "contact is left out": scene.contact is not None,
         "supports that move stand where they are at t = 0": bool(scene.motions),
         "loads that vary are those at t = 0": varying,
-        f"elements without energy push as they do at the start, at rest: {', '.join(pushing)}": bool(pushing),
+        f"{' and '.join(pushing)}: applied as constant loads, computed at the start, at rest": bool(pushing),
         "frequencies leave the mass that water adds out": wet,
         "states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out": (
             model.bends is not None

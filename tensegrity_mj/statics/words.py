@@ -9,8 +9,11 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain, plain_values
+from tensegrity_mj.basics.units import power_of, quantity, unit_with
 from tensegrity_mj.model.members import Rod, String
+from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.statics.model import Rods
+from tensegrity_mj.statics.stiffening import Verdict
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.modes import Modes
@@ -28,98 +31,154 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def describe(study: StaticStudy) -> list[tuple[str, str]]:
-    """Names and what there is to say, a line each."""
-    scene = study.model.scene
-    rows = [("scene", scene.name)]
+def findings(study: StaticStudy) -> list[Finding]:
+    """All that there is to say, a line each: text, page and JSON are made of these."""
     without = ", without the further loads" if np.any(study.model.loads) else ""
-    rows.append(("unbalanced force", f"{study.start.describe()}; at the scene's start{without}"))
-    state = study.state
-    if state is None:
-        rows.append(("equilibrium", f"none: {study.failure}"))
+    found = [
+        Finding(None, study.model.scene.name, "scene"),
+        Finding(None, f"{study.start.describe()}; at the scene's start{without}", "unbalanced force"),
+    ]
+    if study.state is None:
+        found.append(Finding(Mark.BAD, f"none: {study.failure}", "equilibrium"))
     else:
-        rows += _found(study, state)
-    for name, texts in (
-        ("lightest members", () if study.sizing is None else study.sizing.describe()),
-        ("members over the run", () if study.run is None else study.run.describe()),
-        ("note", study.notes),
-    ):
-        rows += [(name if not row else "", text) for row, text in enumerate(texts)]
-    return rows
+        found += _found(study, study.state)
+    if study.sizing is not None:
+        found += _under("lightest members", study.sizing.describe())
+    if study.run is not None:
+        found += _under("members over the run", study.run.describe(), study.run.mark)
+    return found + [Finding(Mark.LIMITED, note, "" if row else "note") for row, note in enumerate(study.notes)]
 
 
-def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
+def _under(name: str, texts: Sequence[str], *marks: Mark | None) -> list[Finding]:
+    """Lines under one name, the first of them with marks."""
+    every = [*marks, *[None] * (len(texts) - len(marks))]
+    return [
+        Finding(mark, text, "" if row else name) for row, (mark, text) in enumerate(zip(every, texts, strict=False))
+    ]
+
+
+def verdict(study: StaticStudy) -> str:
+    """The sentence about the equilibrium: stable or not, and by how much the nodes moved."""
+    name, state = study.model.scene.name, study.state
+    if state is None:
+        return f"No equilibrium of {name} was found: {study.failure}."
+    kind = "in stable equilibrium" if state.is_stable else "in equilibrium, but not in a stable one"
+    return f"{name} is {kind}; its nodes are up to {quantity(study.moved, 'm', 2)} from where they start."
+
+
+def _found(study: StaticStudy, state: StaticState) -> list[Finding]:
     model = study.model
     rods = "elastic" if np.any(model.compliance > 0) else "rigid"
     how = f"path of {counted(len(study.response.path.states), 'point')}" if study.response else ""
     how = how or f"{METHODS[study.search.value]}, {counted(state.iterations, 'step')}"
-    loose = "not held: some motion costs no energy"
+    loose = "not stable: at least one motion meets no resistance"
     is_loose = state.lowest_stiffness >= -1e-9 * model.scale[1]
     kind = "stable" if state.is_stable else loose if is_loose else "unstable"
     at = f" at parameter {state.parameter:g}" if study.response is not None else ""
-    rows = [
-        (
-            "equilibrium",
-            f"{kind}{at}; {rods} rods; {how}; at most {_number(state.residual, 'N')} are left on a coordinate",
+    left = f"at most {quantity(state.residual, 'N', 5)} are left on a coordinate"
+    sizes = f"{_sizes(model.scene.nodes0)} at the scene's start, {_sizes(state.nodes)} in equilibrium"
+    found = [
+        Finding(
+            Mark.GOOD if state.is_stable else Mark.LIMITED, f"{kind}{at}; {rods} rods; {how}; {left}", "equilibrium"
         ),
-        ("moved", _moved(study, state)),
-        ("extent x, y, z", f"{_sizes(model.scene.nodes0)} at the scene's start, {_sizes(state.nodes)} in equilibrium"),
+        Finding(None, _moved(study, state), "moved"),
+        Finding(None, sizes, "extent x, y, z"),
+        Finding(None, _total(state.loads), "loads"),
+        Finding(None, _total(reactions(state), model.structure.node_names), "reactions"),
     ]
     if study.other is not None:
         steps = study.other.iterations
-        differ = f"lengths of members differ by {study.difference:.2g} m at most"
-        rows.append(("by relaxation", f"{counted(steps, 'step')}; {differ}"))
+        differ = f"lengths of members differ by {quantity(study.difference, 'm', 2)} at most"
+        found.append(Finding(None, f"{counted(steps, 'step')}; {differ}", "by relaxation"))
     for name, values, unit in (
         ("tensions", state.settled(state.tensions)[model.whole], "N"),
         ("rod forces", state.settled(state.rod_forces), "N"),
         ("rod stresses", _stresses(study), "Pa"),
     ):
         if len(values):
-            spread = statistics(values)
-            rows.append((name, ", ".join(f"{key} {_number(spread[key], '')}" for key in spread) + f" {unit}"))
+            found.append(Finding(None, spread(values, unit), name))
+        if name == "rod forces" and (chosen := state.determinacy.describe()):
+            found.append(Finding(Mark.LIMITED, chosen))
     slack = slack_strings(state)
     if model.structure.strings:
-        rows.append(("slack strings", f"{len(slack)}: {listed(slack)}" if slack else "none"))
-    if study.prestressability is not None:
-        rows += [("prestress" if not row else "", line) for row, line in enumerate(study.prestressability.describe())]
+        mark = Mark.LIMITED if slack else Mark.GOOD
+        found.append(Finding(mark, f"{len(slack)}: {listed(slack)}" if slack else "none", "slack strings"))
+    if (can := study.prestressability) is not None:
+        *lines, stable, super_stable = can.describe()
+        found += [
+            *_under("prestress", lines),
+            Finding(Mark.GOOD if can.prestress_stable is Verdict.YES else Mark.LIMITED, stable),
+            # No defect where it is not: what is prestress stable stands.
+            Finding(Mark.GOOD if can.super_stable is Verdict.YES else None, super_stable),
+        ]
     if np.isfinite(state.lowest_stiffness):
-        lowest = _number(state.lowest_stiffness, "N/m")
-        rows.append(("lowest stiffness", f"{lowest}, of all motions of the nodes but those of the whole at no energy"))
+        found.append(
+            Finding(
+                None, f"{quantity(state.lowest_stiffness, 'N/m', 5)} (rigid-body motions excluded)", "lowest stiffness"
+            )
+        )
     if study.modes is not None and len(study.modes.squares):
-        rows.append(("frequencies", listed(_frequencies(study.modes), 12) + " Hz"))
-        rows += [("", line) for line in study.modes.describe()]
+        found += _under("frequencies", [f"{listed(_frequencies(study.modes), 12)} Hz", *study.modes.describe()])
     if study.members is not None:
-        rows += [("members" if not row else "", line) for row, line in enumerate(_members(study.members))]
+        found += _under("members", _members(study.members), study.members.mark)
     if study.response is not None:
-        rows += _along(study.response)
+        found += _along(study.response)
     if study.engine is not None:
-        rows.append(("by an engine", study.engine.describe()))
-        rows += [("", f"it warns: {warning}") for warning in study.engine.warnings]
-    return rows
+        found.append(Finding(None, study.engine.describe(), "by an engine"))
+        found += [Finding(Mark.LIMITED, f"it warns: {warning}") for warning in study.engine.warnings]
+    return found
 
 
-def _along(response: Response) -> list[tuple[str, str]]:
+def _along(response: Response) -> list[Finding]:
     path = response.path
     last, most = path.parameters[-1], response.largest_parameter
-    rows = [("path", f"{path.end.value}; the parameter is {last:.6g} there, and {most:.6g} at most")]
+    text = f"{path.end.value}; the parameter is {last:.6g} there, and {most:.6g} at most"
+    found = [Finding(None, text, "path")]
     for curve in response.curves[:SHOWN]:
-        force, moved = _number(float(curve.force[-1]), "N"), _number(float(curve.displacement[-1]), "m")
+        force, moved = (
+            quantity(float(row[-1]), unit, 5) for row, unit in ((curve.force, "N"), (curve.displacement, "m"))
+        )
         end = f"{force}, its node {moved} along it" if curve.is_load else f"{moved}, pushed with {force} along its way"
-        rows.append(("at its end", f"{curve.name}: {end}"))
+        found.append(Finding(None, f"{curve.name}: {end}", "at its end"))
     for critical in path.criticals[:SHOWN]:
         change = critical.unstable_after - critical.unstable_before
         motions = f"{counted(abs(change), 'motion')} {'becomes' if abs(change) == 1 else 'become'}"
         stable = "unstable" if change > 0 else "stable again"
-        rows.append(("critical", f"{motions} {stable} at parameter {critical.parameter:.6g}: {critical.kind.value}"))
+        text = f"{motions} {stable} at parameter {critical.parameter:.6g}: {critical.kind.value}"
+        found.append(Finding(Mark.LIMITED, text, "critical"))
     for event in response.slack_events[:SHOWN]:
         now = "slack" if event.slack else "taut"
-        rows.append(("event", f"'{event.string}' is {now} from parameter {event.parameter:.4g}"))
+        found.append(Finding(Mark.LIMITED, f"'{event.string}' is {now} from parameter {event.parameter:.4g}", "event"))
     if len(response.slack_events) > SHOWN:
-        rows.append(("", f"and {len(response.slack_events) - SHOWN} more"))
+        found.append(Finding(None, f"and {len(response.slack_events) - SHOWN} more"))
     first = response.first_violation
     if first is not None:
-        rows.append(("beyond a limit", f"from parameter {first.time:.4g}: '{first.member}' by {first.criterion.value}"))
-    return rows
+        text = f"from parameter {first.time:.4g}: '{first.member}' by {first.criterion.value}"
+        found.append(Finding(Mark.BAD, text, "beyond a limit"))
+    return found
+
+
+def spread(values: Array, unit: str) -> str:
+    """The least, the median and the largest, in one unit."""
+    power = power_of(float(np.abs(values).max()), unit, 5)
+    found = statistics(np.asarray(values) / 10.0**power)
+    return ", ".join(f"{key} {found[key]:.5g}" for key in found) + f" {unit_with(power, unit)}"
+
+
+def _total(forces: Array, names: Sequence[str] = ()) -> str:
+    """The sum of forces (N, 3), and on how many nodes; with names, the largest of them."""
+    sizes = np.linalg.norm(forces, axis=1)
+    if not np.any(sizes):
+        return "none"
+    least = 1e-9 * float(sizes.sum())  # of forces that cancel, round-off is left
+    total = np.where(np.abs(forces.sum(axis=0)) > least, forces.sum(axis=0), 0.0)
+    power = power_of(max(float(np.abs(total).max()), float(sizes.max())), "N", 5)
+    total = total / 10.0**power
+    text = f"({', '.join(f'{part:.5g}' for part in total)}) {unit_with(power, 'N')} in all, on "
+    text += counted(int(np.sum(sizes > least)), "node")
+    return text + (
+        f"; the largest {quantity(float(sizes.max()), 'N', 5)} on '{names[int(sizes.argmax())]}'" if names else ""
+    )
 
 
 def to_dict(study: StaticStudy) -> dict[str, Any]:
@@ -156,6 +215,7 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
         **plain_values(study, "modes", "members"),
         "path": plain(study.response),
         **plain_values(study, "engine", "sizing", "run", "notes"),
+        **study.judgement.to_dict(),
         "versions": versions(),
     }
     return data
@@ -165,6 +225,8 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
     structure = study.model.structure
     strings = {"rest_length": study.model.rest_lengths, "length": state.lengths, "tension": state.tensions}
     strings["force_density"] = state.force_densities
+    rods: dict[str, Iterable[Any]] = {"length": state.rod_lengths, "force": state.rod_forces}
+    rods["determined"] = [rod.name not in state.determinacy.chosen for rod in structure.rods]
     return {
         "parameter": state.parameter,
         "residual": state.residual,
@@ -175,12 +237,10 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
         "extent": extent(state.nodes).tolist(),
         "nodes": dict(zip(structure.node_names, state.nodes.tolist(), strict=True)),
         "strings": by_member(structure.strings, strings),
-        "rods": by_member(structure.rods, {"length": state.rod_lengths, "force": state.rod_forces}),
-        "reactions": {
-            name: force.tolist()
-            for name, force in zip(structure.node_names, _reactions(state), strict=True)
-            if np.any(force)
-        },
+        "rods": by_member(structure.rods, rods),
+        "determinacy": plain_values(state.determinacy, "states", "chosen", "reactions", "is_clear"),
+        "loads": _by_node(state, state.loads),
+        "reactions": _by_node(state, reactions(state)),
         "tensions": statistics(state.tensions[study.model.whole]),
         "rod_forces": statistics(state.rod_forces),
         "rod_stresses": statistics(_stresses(study)),
@@ -198,6 +258,11 @@ def by_member(members: Sequence[Rod] | Sequence[String], columns: Mapping[str, I
 
 def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _by_node(state: StaticState, forces: Array) -> dict[str, Any]:
+    names = state.model.structure.node_names
+    return {name: force.tolist() for name, force in zip(names, forces, strict=True) if np.any(force)}
 
 
 def extent(nodes: Array) -> Array:
@@ -219,7 +284,7 @@ def slack_strings(state: StaticState) -> list[str]:
     return [string.name for string, slack, whole in pairs if slack and whole]
 
 
-def _reactions(state: StaticState) -> Array:
+def reactions(state: StaticState) -> Array:
     """(N, 3): of what is held; the rest is round-off."""
     held = np.unique(state.model.boundary.rows.indices // 3)
     out = np.zeros_like(state.reactions)
@@ -250,11 +315,10 @@ def _frequencies(modes: Modes) -> list[str]:
 def _moved(study: StaticStudy, state: StaticState) -> str:
     """How far, and the node that moved most."""
     if study.moved <= 1e-12 * state.model.scale[0]:
-        return "nowhere: the scene starts there"
+        return "none: the scene already starts in equilibrium"
     node = int(np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1).argmax())
-    return (
-        f"by up to {_number(study.moved, 'm')} (node '{study.model.structure.node_names[node]}') from the scene's start"
-    )
+    name = study.model.structure.node_names[node]
+    return f"by up to {quantity(study.moved, 'm', 5)} (node '{name}') from the scene's start"
 
 
 def _sizes(nodes: Array) -> str:
@@ -265,10 +329,6 @@ def listed(names: Iterable[str], most: int = SHOWN) -> str:
     """The names, so many at most."""
     every = list(names)
     return ", ".join(every[:most]) + (f", ... ({len(every)} in all)" if len(every) > most else "")
-
-
-def _number(value: float, unit: str) -> str:
-    return "-" if np.isnan(value) else f"{value:.5g} {unit}".rstrip()
 
 
 FORMAT = 1

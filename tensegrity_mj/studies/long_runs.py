@@ -29,7 +29,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.pictures.figure import frame, new_figure
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -92,8 +92,20 @@ class LongRuns(Report):
         lines += [f"{row['method']}: {row['reason']}" for row in self.data["rows"] if row["reason"]]
         return "\n".join(lines).rstrip()
 
+    @property
+    def judgement(self) -> Judgement:
+        """A finding a method."""
+        setup, findings = self.data["setup"], tuple(_findings(self.data))
+        kept = sum(one.mark is Mark.GOOD for one in findings)
+        verdict = (
+            f"{kept} of {len(findings)} methods keep energy and lengths over {setup['steps']:,} steps of "
+            f"{quantity(setup['timestep'], 's')}: within {ENERGY_WARNING:.0%} of the energy exchanged, and bᵀb within "
+            f"{DRIFT_WARNING:.1%} of 1."
+        )
+        return Judgement(verdict, findings)
+
     def page(self) -> Page:
-        """A table and a course of each quantity, and a finding a method."""
+        """A table and a course of each quantity."""
         data, setup = self.data, self.data["setup"]
         marks = [str(mark) for mark in setup["marks"]]
         heads = ["", *(f"{int(mark):,} steps" for mark in marks), "growth, power of time", ""]
@@ -106,18 +118,11 @@ class LongRuns(Report):
             sections.append(
                 Section(meaning, (), [Picture(course_figure(data, name), meaning), Table("", heads, table)])
             )
-        findings = list(_findings(data))
-        kept = sum(one.mark is Mark.GOOD for one in findings)
-        verdict = (
-            f"{kept} of {len(findings)} methods keep energy and lengths over {setup['steps']:,} steps of "
-            f"{quantity(setup['timestep'], 's')}: within {ENERGY_WARNING:.0%} of the energy exchanged, and bᵀb within "
-            f"{DRIFT_WARNING:.1%} of 1."
-        )
         introduction = (
             f"The scene {setup['scene']}, in motion, without law, dampers and loads (seed {setup['seed']}): nothing "
             "may change its energy. b is the direction of a rod, whose length is 1."
         )
-        return Page(f"Long runs of {setup['scene']}", introduction, verdict, findings, sections)
+        return Page(f"Long runs of {setup['scene']}", introduction, self.judgement, sections)
 
 
 def long_runs(

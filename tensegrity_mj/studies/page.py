@@ -15,7 +15,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, frame, line_style, new_figure
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.report import Page
@@ -77,8 +77,13 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
         Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
     ]
     sections = pictures_and_tables(figures(rows, axes, drawn, measures), tables)
-    findings = _findings(rows, several, measures)
-    return Page(f"Sweep of {scene.name}", scene.source, _verdict(scene.name, rows), findings, sections).write(path)
+    return Page(f"Sweep of {scene.name}", scene.source, judgement_of(sweep, study, measures), sections).write(path)
+
+
+def judgement_of(sweep: Sweep, study: Study, measures: Sequence[str] = USUAL) -> Judgement:
+    """The verdict and the findings of a finished sweep."""
+    rows, several = rows_of(study), [axis.axes[0] for axis in sweep.axes]
+    return Judgement(_verdict(cast(Scene, sweep.scene).name, rows), tuple(_findings(rows, several, measures)))
 
 
 def _verdict(name: str, rows: Sequence[Row]) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.pictures.figure import frame, new_figure
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.runs.convergence import node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
@@ -166,6 +166,18 @@ class Promise(Report):
             ("requests not met, reported so", part("unmet"), mark(not now["unmet"]["count"])),
         ]
 
+    @property
+    def judgement(self) -> Judgement:
+        """How often the promise was kept, and a finding a line of the summary."""
+        kept, cost = self.data["fractions"]["within_if_met"], self.data["fractions"]["cost"]["median"]
+        verdict = f"None of {len(self.data['rows'])} experiments reported its accuracy as met."
+        if kept["of"]:
+            verdict = (
+                f"{kept['count']} of {kept['of']} accuracies reported as met were met, at a median of {cost:.3g} times "
+                "the evaluations of the cheapest setting that would have done."
+            )
+        return Judgement(verdict, tuple(Finding(mark, text, name) for name, text, mark in self.summary))
+
     def page(self) -> Page:
         """The promises, those that were broken, and every experiment."""
         data, rows = self.data, self.data["rows"]
@@ -183,17 +195,9 @@ class Promise(Report):
             Table("Not measured", ["", "outcome", "cause"], silent),
             Table.of("All experiments", COLUMNS, rows, folded=True),
         ]
-        kept, cost = data["fractions"]["within_if_met"], data["fractions"]["cost"]["median"]
-        verdict = (
-            f"{kept['count']} of {kept['of']} accuracies reported as met were met, at a median of {cost:.3g} times "
-            "the evaluations of the cheapest setting that would have done."
-        )
-        if not kept["of"]:
-            verdict = f"None of {len(rows)} experiments reported its accuracy as met."
-        findings = [Finding(mark, f"{name}: {text}") for name, text, mark in self.summary if mark]
         title, introduction = "What an accuracy promises, measured", f"Experiments drawn with seed {data['seed']}."
         sections = pictures_and_tables(pictures, [table for table in tables if table.rows])
-        return Page(title, introduction, verdict, findings, sections)
+        return Page(title, introduction, self.judgement, sections)
 
 
 OUTCOMES = ("measured", "stopped", "no truth", "refused", "failed")

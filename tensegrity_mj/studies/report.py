@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.jsontext import to_json
-from tensegrity_mj.pictures.findings import Finding, opening_of
+from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.pictures.page import Section, write_sections
 
 RUNS = "runs"  # in the folder of a study: its finished runs
@@ -27,12 +27,11 @@ def runs_in(folder: str | os.PathLike[str] | None) -> Path | None:
 
 @dataclass(frozen=True)
 class Page:
-    """What the page of a study says: a verdict in a sentence, what was found, and in sections all of it."""
+    """The page of a study: its judgement, and in sections all of it."""
 
     title: str
     introduction: str
-    verdict: str
-    findings: Iterable[Finding]
+    judgement: Judgement
     sections: Iterable[Section]
 
     def write(self, path: str | os.PathLike[str]) -> Path:
@@ -41,8 +40,7 @@ class Page:
         Raises:
             OptionError: for a path that cannot be written.
         """
-        opening = opening_of(self.verdict, list(self.findings))
-        return write_sections(path, self.title, self.introduction, self.sections, opening=opening)
+        return write_sections(path, self.title, self.introduction, self.sections, opening=self.judgement.html())
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +59,19 @@ class Report:
 
     NAME: ClassVar[str]  # of the files in the folder
 
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict and the findings, made of the data alone."""
+        raise NotImplementedError
+
     def page(self) -> Page:
         """The page, made of the data alone."""
         raise NotImplementedError
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """The data and the judgement, as plain values."""
+        return {**self.data, **self.judgement.to_dict()}
 
     def save_page(self, path: str | os.PathLike[str]) -> Path:
         """Write the page (.html); returns its path."""
@@ -74,6 +82,6 @@ class Report:
         if folder is None:
             return self
         own = replace(self, folder=Path(folder))
-        write_text(Path(folder) / f"{self.NAME}.json", to_json(self.data, indent=1) + "\n")
+        write_text(Path(folder) / f"{self.NAME}.json", to_json(self.answer, indent=1) + "\n")
         self.save_page(Path(folder) / f"{self.NAME}.html")
         return own

@@ -7,7 +7,7 @@ import re
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.pictures.findings import MOST, Finding, Mark, mark_of, opening_of
+from tensegrity_mj.pictures.findings import MOST, Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.statics.study import Analysis
 from tensegrity_mj.studies.validation import page as validation_page
@@ -20,7 +20,7 @@ def test_marks_go_by_how_many_are_good(good, total, mark):
 
 def test_findings_are_ranked_and_those_beyond_seven_are_folded():
     marks = [Mark.GOOD, Mark.BAD, Mark.LIMITED] * 3
-    html = "".join(opening_of("All is <well>.", [Finding(mark, f"number {k}") for k, mark in enumerate(marks)]))
+    html = "".join(Judgement("All is <well>.", [Finding(mark, f"number {k}") for k, mark in enumerate(marks)]).html())
     assert html.startswith('<p class="verdict">All is &lt;well&gt;.</p>')
     assert [int(k) for k in re.findall(r"number (\d)", html)] == [1, 4, 7, 2, 5, 8, 0, 3, 6]
     before, _, folded = html.partition("<details>")
@@ -29,12 +29,14 @@ def test_findings_are_ranked_and_those_beyond_seven_are_folded():
 
 
 def test_what_is_empty_is_no_finding():
-    assert len(opening_of("It is.", [Finding(Mark.GOOD, "")])) == 1
+    assert len(Judgement("It is.", [Finding(Mark.GOOD, ""), Finding(None, "A fact.")]).html()) == 1
 
 
 def test_the_opening_stands_before_everything_else(tmp_path):
     table = Table("all", ("a",), [("b",)], folded=True)
-    path = write_sections(tmp_path / "p.html", "T", "intro", [Section("S", (), [table])], opening=opening_of("So."))
+    path = write_sections(
+        tmp_path / "p.html", "T", "intro", [Section("S", (), [table])], opening=Judgement("So.").html()
+    )
     text = path.read_text(encoding="utf-8")
     assert text.index("<h1>") < text.index('class="verdict">') < text.index("intro") < text.index("<details>")
 

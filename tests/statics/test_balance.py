@@ -82,7 +82,7 @@ def test_a_prism_of_four_rods_by_hand(tmp_path: Any, capsys: pytest.CaptureFixtu
         assert main([*command, "--json"]) == 0
         found[command[0]] = json.loads(capsys.readouterr().out)
         assert main(command) == 0
-        line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("unbalanced force"))
+        line = next(row for row in capsys.readouterr().out.splitlines() if row.strip().startswith("unbalanced force"))
         assert f"{sizes.max():.5g} N on node 'b" in line
         assert "the largest that neither rods nor supports can balance" in line
     assert found["scenes"]["unbalanced_force"] == expected

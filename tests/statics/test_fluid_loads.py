@@ -69,6 +69,6 @@ def test_a_rod_on_two_strings(name: str) -> None:
 
 def test_notes_name_what_pushes() -> None:
     study = tmj.statics.analyse(CASES["in a current"][0], modes=1)
-    assert "elements without energy push as they do at the start, at rest: water" in study.notes
+    assert "water: applied as constant loads, computed at the start, at rest" in study.notes
     assert "frequencies leave the mass that water adds out" in study.notes
     assert not tmj.statics.analyse(hung(False, resistance=tmj.Resistance(viscous=0.7)), modes=1).notes

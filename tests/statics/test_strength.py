@@ -175,6 +175,7 @@ def test_plain_values() -> None:
     assert to_json(plain)
     assert plain["rods"]["long"] == {
         "force": 2.0,
+        "determined": True,
         "stress": None,
         "yield_load": None,
         "euler_load": None,

@@ -23,4 +23,4 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     data = result.data | {"timing": {"seconds": result.seconds}}
-    return Outcome(data, result.text, notes=wrote(result.folder, PAGE))
+    return Outcome(data, result.text, notes=wrote(result.folder, PAGE), judgement=result.judgement)

@@ -27,4 +27,4 @@ def execute(options: argparse.Namespace) -> Outcome:
     passed = report.passed if options.kinds is None else undetected == 0
     code = ExitCode.SUCCESS if passed or options.autoreset else ExitCode.PROGRAM_ERROR
     data = report.data | {"timing": {"seconds": report.seconds}}
-    return Outcome(data, report.text, code, wrote(report.folder, PAGE))
+    return Outcome(data, report.text, code, wrote(report.folder, PAGE), report.judgement)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import Outcome, table, wrote
+from tensegrity_mj.commands.common import Outcome, wrote
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -22,4 +22,4 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     data = found.data | {"status": "completed", "folder": options.out}
-    return Outcome(data, table([line[:2] for line in found.summary]), notes=wrote(found.folder, "promise.html"))
+    return Outcome(data, notes=wrote(found.folder, "promise.html"), judgement=found.judgement)

@@ -11,7 +11,7 @@ from typing import Any, Unpack
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Section, Table
 from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
@@ -61,12 +61,12 @@ class Extremes(Report):
     def text(self) -> str:
         """The table, for a terminal."""
         table = [list(self.data["table"][0]), *(list(row.values()) for row in self.data["table"])]
-        return "\n".join([*aligned(table, numbers=True), "", *self.data["summary"]])
+        return "\n".join(aligned(table, numbers=True))
 
-    def page(self) -> Page:
-        """What came out, by kind and by engine, and every run that is not right."""
-        data = self.data
-        setup, total = data["setup"], data["table"][-1]
+    @property
+    def judgement(self) -> Judgement:
+        """How many runs were wrong without a warning, refused without need, and hidden."""
+        data, total = self.data, self.data["table"][-1]
         wrong = total["undetected"]
         headline = (
             f"{wrong or 'None'} of {total['runs']} extreme runs {'was' if wrong < 2 else 'were'} wrong without a "
@@ -77,6 +77,11 @@ class Extremes(Report):
             Mark.LIMITED if total["refused without need"] else Mark.GOOD,
             Mark.LIMITED if total["hidden"] else Mark.GOOD,
         )
+        return Judgement(headline, tuple(map(Finding, marks, data["summary"])))
+
+    def page(self) -> Page:
+        """What came out, by kind and by engine, and every run that is not right."""
+        data, setup = self.data, self.data["setup"]
         tables = [_counts("By kind", data["table"]), _counts("By engine", data["by_engine"])]
         sections = [Section("What came of them", (), tables)]
         for verdict, meaning in MEANINGS.items():
@@ -84,8 +89,7 @@ class Extremes(Report):
             sections.append(Section(f"{verdict.value}: {len(found)}", [meaning], [_runs(found)] if found else []))
         how = " MuJoCo stepped by hand with its autoreset on (the test of the test)." if setup["autoreset"] else ""
         introduction = f"Runs at the extremes, drawn by chance with seed {setup['seed']}, each judged.{how}"
-        findings = map(Finding, marks, data["summary"])
-        return Page(f"{setup['runs']} extreme runs", introduction, headline, findings, sections)
+        return Page(f"{setup['runs']} extreme runs", introduction, self.judgement, sections)
 
 
 def mixture(runs: int, kinds: Sequence[Kind]) -> list[Kind]:

@@ -12,7 +12,7 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, ROW, frame, grid_of_panels, new_figure
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.studies.report import Page
 
@@ -42,10 +42,14 @@ def page_of(data: Data) -> Page:
             "before and after the fit; what is left, of which 95 % are within the dashed lines where it is white.",
         ),
     ]
-    (_, verdict), *others = verdicts(data)
-    findings = [Finding(Mark.GOOD if good else Mark.LIMITED, text) for good, text in others]
     sections = pictures_and_tables(pictures, tables)
-    return Page(f"Identification of {data['scene']}", data["source"], verdict, findings, sections)
+    return Page(f"Identification of {data['scene']}", data["source"], judgement_of(data), sections)
+
+
+def judgement_of(data: Data) -> Judgement:
+    """How the fit ended, and a finding a further sentence."""
+    (_, verdict), *others = verdicts(data)
+    return Judgement(verdict, tuple(Finding(Mark.GOOD if good else Mark.LIMITED, text) for good, text in others))
 
 
 def verdicts(data: Data) -> Iterator[tuple[bool, str]]:

@@ -19,10 +19,11 @@ from tensegrity_mj.engines.table import checked_engine, engine_settings
 from tensegrity_mj.errors import printable
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.identification.fitting import FitOptions, Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.page import page_of, verdicts
+from tensegrity_mj.studies.identification.page import judgement_of, page_of
 from tensegrity_mj.studies.identification.predictions import Kept, predictions_of
 from tensegrity_mj.studies.identification.unknowns import Parameter, Unknowns
 from tensegrity_mj.studies.plain import digest, plain
@@ -63,18 +64,27 @@ class Identification(Report):
         """Everything, as plain values."""
         return self.data
 
+    @property
+    def judgement(self) -> Judgement:
+        """How the fit ended, and what it leaves undetermined."""
+        return judgement_of(self.data)
+
     def page(self) -> Page:
         """Measured against fitted, intervals, information and residuals."""
         return page_of(self.data)
 
     def __repr__(self) -> str:
+        return printable("\n".join([*self.judgement.lines(), "", *self.table()]), "\n")
+
+    def table(self) -> list[str]:
+        """The lines of the estimates, for a terminal."""
         heads = ("parameter", "start", "estimate", f"interval of {self.data['level']:.3g}", "")
         rows = []
         for row in self.data["parameters"]:
             interval = "{low:.6g} to {high:.6g}" if np.isfinite(row["deviation"]) else "none"
             forms = ("{name}", "{start:.6g}", "{value:.6g}", interval, "{note}")
             rows.append([form.format(**row) for form in forms])
-        return printable("\n".join([*aligned([heads, *rows]), "", *(text for _, text in verdicts(self.data))]), "\n")
+        return aligned([heads, *rows])
 
 
 def identify(

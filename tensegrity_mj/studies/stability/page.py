@@ -12,7 +12,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.report import Page
@@ -51,7 +51,12 @@ def page_of(data: Data) -> Page:
     # Pictures come before tables.
     ordered = sorted(sections(data), key=lambda section: not any(isinstance(part, Picture) for part in section.parts))
     title = f"The largest stable step: {data['scene']}"
-    return Page(title, INTRODUCTION, _verdict(data), _findings(data), ordered)
+    return Page(title, INTRODUCTION, judgement_of(data), ordered)
+
+
+def judgement_of(data: Data) -> Judgement:
+    """The verdict, and a finding an engine."""
+    return Judgement(_verdict(data), tuple(_findings(data)))
 
 
 def _verdict(data: Data) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.tradeoff import advising
@@ -43,7 +43,12 @@ def page_of(data: Data) -> Page:
         "smallest of several runs on one machine, without compiling and loading."
     )
     title = f"Speed against accuracy: {scene['name']}"
-    return Page(title, introduction, _verdict(data), _findings(data), _sections(data))
+    return Page(title, introduction, judgement_of(data), _sections(data))
+
+
+def judgement_of(data: Data) -> Judgement:
+    """The fastest setting, and how sure each reference is."""
+    return Judgement(_verdict(data), tuple(_findings(data)))
 
 
 def _verdict(data: Data) -> str:

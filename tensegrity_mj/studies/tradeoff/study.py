@@ -18,6 +18,7 @@ from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest, plain
@@ -28,7 +29,7 @@ from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, divides, open_loop
 from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
-from tensegrity_mj.studies.tradeoff.page import page_of
+from tensegrity_mj.studies.tradeoff.page import judgement_of, page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
@@ -47,6 +48,11 @@ class Tradeoff(Report):
     """A finished study; everything but data["timing"] is the same each time."""
 
     NAME = "tradeoff"
+
+    @property
+    def judgement(self) -> Judgement:
+        """The fastest setting, and how sure each reference is."""
+        return judgement_of(self.data)
 
     def page(self) -> Page:
         """Diagrams, advice, and each experiment with its settings."""

@@ -9,7 +9,7 @@ from typing import Any
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.report import Page
@@ -40,7 +40,12 @@ def page_of(data: Data) -> Page:
         f"{data['tolerance']:.2g} m of its target."
     )
     parts = [*_sections(data), _details(data)]
-    return Page(f"Validation of {name} on {scene['name']}", introduction, _verdict(data, name), _findings(data), parts)
+    return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), parts)
+
+
+def judgement_of(data: Data) -> Judgement:
+    """The verdict, and a finding a section."""
+    return Judgement(_verdict(data, _law_name(data["law"])), tuple(_findings(data)))
 
 
 def _law_name(law: Data) -> str:
