@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, JOINED_CONTACT_LIMIT
+from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
@@ -49,7 +49,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),
-    "MuJoCo's model": (JOINED_CONTACT_LIMIT, *ELASTIC_LIMITS),
+    "MuJoCo's model": ELASTIC_LIMITS,
     "dm_control models": (
         Limit(ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"),
         Limit(

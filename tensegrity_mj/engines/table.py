@@ -57,9 +57,6 @@ ELASTIC_LIMITS = (
         StructureError,
     ),
 )
-JOINED_CONTACT_LIMIT = Limit(
-    CONTACT & CLASS_K, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}"
-)
 
 
 def _is_dense(engine: Any) -> str:
@@ -72,7 +69,6 @@ ENGINES = {
         "tensegrity_mj.engines.mujoco.engine:MuJoCo",
         shares_model=True,
         limits=(
-            JOINED_CONTACT_LIMIT,
             Limit(BODIES & CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
             Limit(
                 CONSTRAINTS & CONTACT,

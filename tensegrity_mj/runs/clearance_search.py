@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.progress import bar
+from tensegrity_mj.model.elements.contact import sharing
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs import clearance_kernels as kernels
 from tensegrity_mj.runs.approaches import Approach, Clearance, Event, Pairs
@@ -206,8 +207,7 @@ def _pairs(nodes: IntArray, rods: int, kinds: Sequence[Pairs], whole: NDArray[np
     """Rows of the elements of all pairs (P, 2) that share no node, and their kinds (P,)."""
     i, j = np.triu_indices(len(nodes), 1)
     number = (i >= rods).astype(np.int64) + (j >= rods)  # as in `Pairs`
-    joined = (nodes[i, :, None] == nodes[j, None, :]).any(axis=(1, 2)) if len(i) else np.zeros(0, bool)
-    wanted = ~joined & np.isin(number, [_number(kind) for kind in kinds]) & whole[i] & whole[j]
+    wanted = ~sharing(nodes[i], nodes[j]) & np.isin(number, [_number(kind) for kind in kinds]) & whole[i] & whole[j]
     return np.stack([i, j], axis=1).astype(np.int64)[wanted], number[wanted]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from contact_law import acceleration, impedance
 from momenta import linear_momentum
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -25,23 +26,6 @@ from tensegrity_mj.studies.parameters import Draft
 Array = NDArray[np.float64]
 G = 9.81
 SMOOTH = Contact(floor=0.0, friction=0.0)
-
-
-def impedance(contact: Contact, depth: float) -> float:
-    """d(r) as docs/contact.md has it."""
-    d0, d1, width, middle, power = contact.impedance
-    x = min(depth / width, 1.0)
-    s = middle * (x / middle) ** power if x <= middle else 1.0 - (1.0 - middle) * ((1.0 - x) / (1.0 - middle)) ** power
-    return d0 + s * (d1 - d0)
-
-
-def acceleration(contact: Contact, gap: float, rate: float, free: float) -> float:
-    """The contact's own acceleration where the surfaces are `gap` apart; `free` is that without the contact."""
-    if gap >= 0:
-        return free
-    d, d1 = impedance(contact, -gap), contact.impedance[1]
-    spring = -contact.damping / d1 * rate - contact.stiffness * d / d1**2 * gap
-    return max(free, (1 - d) * free + d * spring)
 
 
 def falling_rod(angle: float, mass: float = 0.7, **scene: Any) -> tmj.Scene:

@@ -31,9 +31,8 @@ from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
 from tensegrity_mj.engines.mujoco.prepared import prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
-from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model import rods
-from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.simulation import request_for
@@ -551,9 +550,3 @@ def test_more_rods_than_mujoco_reads_are_refused() -> None:
     with pytest.raises(StructureError, match=r"491 rods hang on each other; MuJoCo reads at most 490"):
         tmj.MuJoCo().model(scene)
     assert tmj.MuJoCo().model(hanging_chain([0.01] * 490, [0.01] * 490, planar=True)).nbody == 491
-
-
-def test_contact_is_for_class_1() -> None:
-    scene = suspended(planar=False)
-    with pytest.raises(SceneError, match="contact is for rods of class 1"):
-        tmj.simulate(scene.with_(contact=Contact(floor=-5.0)), None, tmj.MuJoCo())

@@ -13,6 +13,7 @@ and a thin rod does not have, is not work on them: it counts as lost, and what c
 from __future__ import annotations
 
 import copy as copying
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -21,17 +22,20 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
+from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.structure import Structure
 
 
 @borrowing
 def spin_energy(run: Any) -> float:
     """Kinetic energy [J] of the rods' spin about their own axes."""
-    velocity, dofs, inertia = run.qvel, run.spin_dofs, run.spin_inertia
+    nodes, twists, spinning, inertia = run.nodes, run.cvel, run.spinning, run.spin_inertia
     total = 0.0
-    for i in range(len(dofs)):
-        total += 0.5 * inertia[i] * velocity[dofs[i]] ** 2
+    for i in range(len(spinning)):
+        span = minus(row_of(nodes, spinning[i, 2]), row_of(nodes, spinning[i, 1]))
+        total += 0.5 * inertia[i] * dot(row_of(twists, spinning[i, 0]), span) ** 2 / dot(span, span)
     return total
 
 
@@ -54,6 +58,17 @@ def write_state(run: Any, row: Any) -> None:
     copy(loads, row[at + len(limits) :])
 
 
+def bodies_of(members: Sequence[Rod], model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Numbers of the bodies of rigid rods."""
+    return np.array([model.geom_bodyid[model.geom(rod.name).id] for rod in members], np.int64)
+
+
+def spins(structure: Structure, model: mujoco.MjModel) -> NDArray[np.int64]:
+    """The degrees of freedom that turn rods about their own axes, relative to what they hang on."""
+    own = bodies_of([rod for rod in structure.rods if rod.support.plane is None and rod.stiffness is None], model)
+    return np.asarray(model.body_dofadr[own] + model.body_dofnum[own] - 1, np.int64)
+
+
 class Contacts:
     """Contact of a run.
 
@@ -64,21 +79,25 @@ class Contacts:
     def __init__(self, structure: Structure, model: mujoco.MjModel, run: Table) -> None:
         """`run`: the table of the run, in which it is set."""
         self.structure, self.model = structure, model
-        dofs, inertia = spins(structure, model)
-        run.set(touches=1, kept_rates=np.zeros(model.nv), spin_dofs=dofs, spin_inertia=inertia)
+        self._bodies = bodies_of(structure.rods, model)
+        free = [row for row, rod in enumerate(structure.rods) if rod.support.plane is None]
+        spinning = np.column_stack([self._bodies, structure.rod_nodes])[free]
+        run.set(touches=1, kept_rates=np.zeros(model.nv), spinning=spinning)
+        run.set(spin_inertia=model.body_inertia[self._bodies[free], 2])
         self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 
-    def forces(self, states: Array) -> tuple[Array, dict[str, Any]]:
-        """Contact forces of recorded states (T, width) as forces on the nodes (T, N, 3) [N], and what they were.
+    def forces(self, states: Array) -> tuple[Array, Array, dict[str, Any]]:
+        """Contact forces [N] of recorded states (T, width), and a report of them.
 
-        A force at the part s of a rod's length counts with 1 - s and s at its nodes, which is the same to a rigid thin
-        rod. What it does about the axis, by the rod's radius, is left out.
+        Returns those on both ends of each rod (T, R, 2, 3), and all of a node together (T, N, 3). A force at the part
+        s of a rod's length counts with 1 - s and s at its nodes, which is the same to a rigid thin rod. What it does
+        about the axis, by the rod's radius, is left out.
         """
         model, structure = copying.copy(self.model), self.structure
         data = mujoco.MjData(model)
-        owner, pairs = _geom_owners(structure, model), structure.rod_nodes
+        owner, pairs = self._owners(), structure.rod_nodes
         point = np.array([structure.node_index[mass.node] for mass in structure.lone_masses], int)
-        out = np.zeros((len(states), len(structure.nodes), 3))
+        ends, out = np.zeros((len(states), len(pairs), 2, 3)), np.zeros((len(states), len(structure.nodes), 3))
         counts, largest, deepest = np.zeros(len(states), int), np.zeros(len(states)), 0.0
         local = np.zeros(6)
         for row, state in enumerate(states):
@@ -100,8 +119,9 @@ class Contacts:
                     i, j = pairs[member]
                     x, y = (data.site(structure.node_names[n]).xpos for n in (i, j))
                     s = min(max(float((contact.pos - x) @ (y - x) / ((y - x) @ (y - x))), 0.0), 1.0)
-                    out[row, i] += sign * (1 - s) * force
-                    out[row, j] += sign * s * force
+                    shares = sign * np.array([[1 - s], [s]]) * force
+                    ends[row, member] += shares
+                    out[row, [i, j]] += shares
         found = {
             "touching": counts.tolist(),  # contacts at each recorded time
             "largest_normal_force": float(largest.max(initial=0.0)),  # [N], at the recorded times
@@ -110,7 +130,7 @@ class Contacts:
                 name: force.tolist() for name, force in zip(structure.node_names, out[-1], strict=True) if force.any()
             },
         }
-        return out, found
+        return ends, out, found
 
     def _solve(self, model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
         """The contacts and their forces at one recorded state."""
@@ -119,23 +139,11 @@ class Contacts:
             part[:] = values
         mujoco.mj_forward(model, data)
 
-
-def spins(structure: Structure, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
-    """The degrees of freedom that turn a rod about its own axis, and the moments of inertia [kg m²] about them."""
-    dofs, inertia = [], []
-    for rod in structure.rods:
-        if rod.support.plane is None:
-            body = model.site_bodyid[model.site(rod.nodes[0]).id]
-            dofs.append(int(model.body_dofadr[body] + model.body_dofnum[body] - 1))
-            inertia.append(float(model.body_inertia[body, 2]))
-    return np.array(dofs, np.int64), np.array(inertia, float)
-
-
-def _geom_owners(structure: Structure, model: mujoco.MjModel) -> NDArray[np.int64]:
-    """For each geom the number of its rod, or of its point mass after the rods, or -1."""
-    bodies = np.full(model.nbody, -1)
-    for number, rod in enumerate(structure.rods):
-        bodies[model.site_bodyid[model.site(rod.nodes[0]).id]] = number
-    for number, mass in enumerate(structure.lone_masses):
-        bodies[model.site_bodyid[model.site(mass.node).id]] = len(structure.rods) + number
-    return np.asarray(bodies[model.geom_bodyid])
+    def _owners(self) -> NDArray[np.int64]:
+        """For each geom the number of its rod, or of its point mass after the rods, or -1."""
+        model, structure = self.model, self.structure
+        bodies = np.full(model.nbody, -1)
+        bodies[self._bodies] = np.arange(len(structure.rods))
+        for number, mass in enumerate(structure.lone_masses):
+            bodies[model.site_bodyid[model.site(mass.node).id]] = len(structure.rods) + number
+        return np.asarray(bodies[model.geom_bodyid])

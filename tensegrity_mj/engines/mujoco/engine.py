@@ -64,7 +64,6 @@ class MuJoCo:
         Raises:
             StructureError: for masses, sizes or depths that MuJoCo cannot hold, and where it compiles a node, a center
                 of mass or a capsule to another place than the structure's.
-            SceneError: where rods that share nodes may touch something.
             OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
         return prepared(scene, self.timestep, self.word).model

@@ -52,12 +52,13 @@ class JointForces:
     def _end(self, rod: int, node: int) -> int:
         return int(self.scene.structure.rod_nodes[rod, 1] == node)
 
-    def multipliers(self, time: Array, rows: Array) -> tuple[Array, dict[str, Any]]:
+    def multipliers(self, time: Array, rows: Array, pushes: Array | None = None) -> tuple[Array, dict[str, Any]]:
         """λ (T, R) [1/s²] of (2.36) with the joints' forces, and the report "joints" of the gaps of closures.
 
         Args:
             time: (T,) [s].
             rows: (T, ...) as recorded: those of `write_row` first; qpos, qvel and what answers accelerations last.
+            pushes: (T, R, 2, 3) [N] of contacts on both ends of each rod, which the model does not find again.
         """
         scene, structure = self.scene, self.scene.structure
         T, N, M = len(time), len(structure.nodes), len(structure.strings)
@@ -68,8 +69,10 @@ class JointForces:
         kept = rows[:, -self.width :]
         if self.width > self.state:
             loads += kept[:, self.state :].reshape(T, N, 3)
-        accelerations, pulls, gaps = self._solve(time, kept[:, : self.state], tensions, loads)
-        forces = self._end_forces(rods.string_forces(structure, nodes, tensions) + loads, pulls, accelerations)
+        pushes = np.zeros((T, 0, 2, 3)) if pushes is None else pushes
+        accelerations, pulls, gaps = self._solve(time, kept[:, : self.state], tensions, loads, pushes)
+        nodal = rods.string_forces(structure, nodes, tensions) + loads
+        forces = self._end_forces(nodal, pushes, pulls, accelerations)
         sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
         r_accelerations = (1 - sigma) * accelerations[:, :, 0] + sigma * accelerations[:, :, 1]
         found = rods.multipliers(
@@ -86,11 +89,14 @@ class JointForces:
         }
         return found, {"joints": report, "closure_drift": report["largest_gap"]}  # the second as the DAE has it
 
-    def _solve(self, time: Array, states: Array, tensions: Array, loads: Array) -> tuple[Array, Array, Array]:
+    def _solve(
+        self, time: Array, states: Array, tensions: Array, loads: Array, pushes: Array
+    ) -> tuple[Array, Array, Array]:
         """Accelerations of the rods' ends (T, R, 2, 3), forces of the closures on their first rods (T, C, 3), gaps."""
         scene, model = self.scene, copying.copy(self.model)
         model.actuator_forcerange[:, 1] = UNLIMITED  # a run may have left a slack string's limit there
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         structure, data = scene.structure, mujoco.MjData(model)
         T, R, C = len(time), len(structure.rods), len(self._gaps)
         accelerations, pulls, gaps = np.zeros((T, R, 2, 3)), np.zeros((T, C, 3)), np.zeros((T, C))
@@ -107,7 +113,7 @@ class JointForces:
                 if len(structure.strings):
                     # The control that makes MuJoCo's tension the recorded one, whatever law or breaking string it was.
                     data.ctrl[:] = controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
-                self._apply(data, loads[row])
+                self._apply(data, np.concatenate([loads[row], pushes[row].reshape(-1, 3)]))
                 mujoco.mj_forward(model, data)
                 accelerations[row] = site_accelerations(model, data, self._ends.ravel()).reshape(R, 2, 3)
                 pulls[row] = self._pulls(data)
@@ -116,9 +122,9 @@ class JointForces:
         return accelerations, pulls, gaps
 
     def _apply(self, data: mujoco.MjData, loads: Array) -> None:
-        """Loads (N, 3) on the nodes as forces and torques at the bodies' centres of mass."""
+        """Loads on the nodes, and on the rods' ends (N and N + 2 R, 3), as forces and torques at centres of mass."""
         data.xfrc_applied[:] = 0.0
-        for site, force in zip(self._sites, loads, strict=True):
+        for site, force in zip([*self._sites, *self._ends.ravel()], loads, strict=False):
             body = self.model.site_bodyid[site]
             if body and force.any():
                 data.xfrc_applied[body, :3] += force
@@ -133,10 +139,11 @@ class JointForces:
             out[number, : len(rows)] = data.efc_force[rows]
         return out
 
-    def _end_forces(self, nodal: Array, pulls: Array, accelerations: Array) -> Array:
+    def _end_forces(self, nodal: Array, pushes: Array, pulls: Array, accelerations: Array) -> Array:
         """(T, R, 2, 3) [N]: all that acts on each end of each rod, gravity not included."""
         structure, forest = self.scene.structure, self.tree.forest
         out = np.zeros_like(accelerations)
+        out[:, : pushes.shape[1]] += pushes
         for node, owner in enumerate(forest.owner):
             if owner >= 0:
                 out[:, owner, self._end(int(owner), node)] += nodal[:, node]
@@ -174,14 +181,16 @@ def close_rigidly(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     MuJoCo finds J q̈ = a - R f with a = -B ġ - K g - J̇ q̇ for the gaps g, and J q̈ = -J̇ q̇ leaves ġ as it is. The
     Jacobian must be a dense one. A state beyond all reason is left alone.
     """
-    J = data.efc_J.reshape(data.nefc, model.nv)
-    stiffness, damping, impedance = data.efc_KBIP.reshape(data.nefc, 4)[:, :3].T
-    missing = data.efc_R * data.efc_force + damping * data.efc_vel + stiffness * impedance * data.efc_pos
+    joints = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)  # contacts keep their forces
+    J = data.efc_J.reshape(data.nefc, model.nv)[joints]
+    stiffness, damping, impedance = data.efc_KBIP.reshape(data.nefc, 4)[joints, :3].T
+    missing = (data.efc_R * data.efc_force)[joints] + damping * data.efc_vel[joints]
+    missing += stiffness * impedance * data.efc_pos[joints]
     if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(J))):
         return
-    per_force = np.zeros((data.nefc, model.nv))  # M⁻¹ Jᵀ, by rows
+    per_force = np.zeros((len(joints), model.nv))  # M⁻¹ Jᵀ, by rows
     mujoco.mj_solveM(model, data, per_force, J.copy())
     force = np.linalg.lstsq(J @ per_force.T, missing, rcond=REDUNDANT)[0]
     data.qacc[:] += force @ per_force
-    data.efc_force[:] += force
+    data.efc_force[joints] += force
     data.qfrc_constraint[:] += force @ J

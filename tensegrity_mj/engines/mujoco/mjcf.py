@@ -17,6 +17,7 @@ keeps the velocity that it starts with.
 
 from __future__ import annotations
 
+import itertools
 import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -76,7 +77,6 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
 
     Raises:
         StructureError: where more rods hang on each other than MuJoCo reads.
-        SceneError: where rods that share nodes may touch something.
     """
     structure = scene.structure
     require(None, scene, "MuJoCo's model")
@@ -111,6 +111,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
         _strings(root, scene, thickness)
     add_bars(root, world, scene, tree, names)
     _closures(root, scene, tree, names, timestep)
+    _exclude_joined(root, scene, names)
     if np.any(scene.velocities0):
         keyframe = ET.SubElement(root, "keyframe")
         ET.SubElement(keyframe, "key", name="start", qvel=numbers(initial_velocities(scene)))
@@ -178,6 +179,16 @@ def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, time
             solref=numbers([CONNECT_STEPS * timestep, 1.0]),
             solimp=numbers([IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0]),
         )
+
+
+def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
+    """Rods that share a node do not touch; MuJoCo leaves out by itself those of which one hangs on the other."""
+    pairs = {pair for rows in scene.structure.rods_at.values() for pair in itertools.combinations(sorted(rows), 2)}
+    if scene.contact is None or not scene.contact.rods or not pairs:
+        return
+    contact = ET.SubElement(root, "contact")
+    for first, second in sorted(pairs):
+        ET.SubElement(contact, "exclude", body1=names.rods[first], body2=names.rods[second])
 
 
 def actuator_numbers(structure: Structure) -> tuple[Array, Array, Array]:

@@ -217,14 +217,16 @@ class MuJoCoRun:
         states = self.width + 3 * R
         reports: dict[str, Any] = {}
         forces: Array | None = None
+        pushes: Array | None = None
         if self.contacts is not None:
-            forces, reports["contact"] = self.contacts.forces(rows[:, states:])
+            own = rows[:, states + (self.joints.width if self.joints else 0) :]
+            pushes, forces, reports["contact"] = self.contacts.forces(own)
         constraint_forces = rows[:, rows.shape[1] - len(structure.constraints) :].copy()
         if structure.constraints:
             forces = (constraint_forces @ structure.constraint_rows).reshape(count, -1, 3)
         rod: Array | RodMotion = RodMotion(rows[:, self.width : states].reshape(count, R, 3), forces)
         if self.joints is not None:
-            rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
+            rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width], pushes)
             reports |= found
         cost = {"wall_time": seconds, "steps": int(self.counters[STEP]), "evaluations": self.evaluations}
         engine = {

@@ -63,7 +63,7 @@ RUN = fields_of(
     # Contact (`contact`).
     touches="size",  # whether there is any
     kept_rates=("f8", "nv"),
-    spin_dofs=("i8", "spin_count"),
+    spinning=("i8", "spin_count", 3),  # body and nodes of each rod that may spin about its axis
     spin_inertia=("f8", "spin_count"),
     # Moved supports (`motion`).
     driven=(SLIDE, "driven_count"),

@@ -1,7 +1,8 @@
 """Contact as a scene has it: of rods with a floor and with each other, and how far apart they are.
 
 A rod's surface for contact is its capsule: the cylinder of the rod's radius from node to node, and a half ball of that
-radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing.
+radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing, and
+rods that share a node do not touch each other.
 
 The force is MuJoCo's soft contact. Where two surfaces are r < 0 apart, so that they overlap by -r, and close at the
 rate v = dr/dt, the contact's own acceleration is a mean of the one without the contact, a⁰, and a damped spring's,
@@ -48,7 +49,7 @@ class Contact:
         floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
         normal: of the floor, upwards; of any length but zero.
         terrain: heights above the level of the floor, whose normal is then z; None for a floor that is a plane.
-        rods: whether rods touch each other.
+        rods: whether rods touch each other, those that share a node excepted.
         friction: Coulomb's coefficient of sliding friction, within [1e-5, 1e5]; 0 for none.
         torsion: of friction that resists a turn about the contact's normal [m]: its torque by the normal force, about
             2/3 of the radius of what touches times `friction`. 0 for none.
@@ -123,7 +124,7 @@ def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
     if contact.floor is None:
         return np.full(len(radii), np.inf)
     for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
-        radii[pair] = rod.radius
+        radii[pair] = np.fmax(radii[pair], rod.radius)
     radii[[structure.node_index[point.node] for point in structure.lone_masses]] = 0.0
     return np.where(np.isfinite(radii), _clearance(contact, nodes, radii), np.inf)
 
@@ -139,19 +140,26 @@ def _clearance(contact: Contact, centres: Array, radii: Array) -> Array:
 def rod_gaps(structure: Structure, nodes: Array) -> tuple[NDArray[np.int64], Array]:
     """Pairs of rods (P, 2) that may touch, and how far apart their surfaces are (P,) [m], negative where they overlap.
 
-    The pairs are those whose boxes along the axes touch; all others are apart.
+    The pairs are those whose boxes along the axes touch, all others being apart, and that share no node.
     """
     start, end = nodes[structure.rod_nodes[:, 0]], nodes[structure.rod_nodes[:, 1]]
     radii = np.array([rod.radius for rod in structure.rods], float)
     low, high = np.minimum(start, end) - radii[:, None], np.maximum(start, end) + radii[:, None]
     found: list[tuple[NDArray[np.int64], Array]] = []
     for first, second in touching_boxes(low, high):
+        free = ~sharing(structure.rod_nodes[first], structure.rod_nodes[second])
+        first, second = first[free], second[free]
         apart = segment_distances(start[first], end[first], start[second], end[second])
         found.append((np.stack([first, second], axis=1), apart - radii[first] - radii[second]))
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *(pairs for pairs, _ in found)])
     gaps = np.concatenate([np.zeros(0), *(gaps for _, gaps in found)])
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))
     return pairs[order], gaps[order]
+
+
+def sharing(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which pairs (P,) of elements share a node; the nodes of each are (P, 2)."""
+    return np.asarray((first[:, :, None] == second[:, None, :]).any(axis=(1, 2)))
 
 
 def touching_boxes(low: Array, high: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:

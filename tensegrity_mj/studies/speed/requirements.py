@@ -185,10 +185,10 @@ def engine_for_size(scene: Scene) -> str:
 
 
 def _contact_pairs(model: Any) -> int:
-    """Pairs of geoms of different bodies whose bits let them touch; the world's own geoms never touch each other."""
+    """Pairs of geoms of different bodies whose bits let them touch, excluded ones left out; the world's never do."""
     types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
     meet = (types[:, None] & affinities) | (affinities[:, None] & types)
-    return int(np.sum(np.triu(meet.astype(bool) & (bodies[:, None] != bodies), 1)))
+    return int(np.sum(np.triu(meet.astype(bool) & (bodies[:, None] != bodies), 1))) - int(model.nexclude)
 
 
 def _flags(model: Any) -> tuple[str, ...]:

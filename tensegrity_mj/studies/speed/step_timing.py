@@ -225,8 +225,8 @@ def _with_floor(spec: Any, scene: Scene) -> bool:
 
 
 def _with_rods(spec: Any, scene: Scene) -> bool:
-    """Contact between rods, where they are apart."""
-    if scene.contact is not None or len(scene.structure.rods) < 2:
+    """Contact between rods, where they are apart, and share no nodes."""
+    if scene.contact is not None or len(scene.structure.rods) < 2 or scene.structure.class_number > 1:
         return False
     if np.any(rod_gaps(scene.structure, scene.nodes0)[1] <= 0):
         return False

@@ -44,7 +44,8 @@ def displace(model: Any, data: Any, scene: Scene, start: RandomStart, generator:
     """
     qpos, qvel = np.array(data.qpos), np.array(data.qvel)
     sites = [model.site(name).id for name in scene.structure.node_names]
-    (still, _), inside = spins(scene.structure, model), []
+    inside: list[str] = []
+    still = spins(scene.structure, model)
     for _ in range(MOST_DRAWS):
         drawn = generator.uniform(-1, 1, (2, model.nv))
         drawn[:, still] = 0.0  # no axial spin: it would only be round-off's
