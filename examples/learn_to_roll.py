@@ -68,64 +68,30 @@ class Policy:
 
 def learn(out: Path, periods: int, seed: int) -> None:
     """Write policy.npz and curve.csv after so many control periods of all robots together."""
-    import gymnasium
     import torch
+    from gymnasium.vector import VectorWrapper
     from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+    from stable_baselines3.common.vec_env import VecNormalize
 
-    import tensegrity_mj.gymnasium  # noqa: F401 - registers
+    from tensegrity_mj.gymnasium import StableBaselinesVecEnv, TensegrityVectorEnv
 
-    torch.set_num_threads(1)  # the robots have threads of their own
-    made = gymnasium.make_vec(
-        "Tensegrity/SixBarRoll-v0", ROBOTS, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"
-    )
-    slices = made.unwrapped.observation_slices  # type: ignore[attr-defined]
-    columns = np.concatenate([np.arange(slices[name].start, slices[name].stop) for name in SEEN])
+    class Held(VectorWrapper):  # type: ignore[type-arg]
+        """Robots whose actions are held."""
 
-    class Robots(VecEnv):
-        """Gymnasium's many robots as Stable-Baselines3's."""
-
-        def __init__(self) -> None:
-            low, high = (np.full(len(columns), sign * np.inf, np.float32) for sign in (-1.0, 1.0))
-            super().__init__(ROBOTS, gymnasium.spaces.Box(low, high), made.single_action_space)
-
-        def reset(self) -> np.ndarray:
-            return made.reset(seed=seed)[0][:, columns]
-
-        def step_async(self, actions: np.ndarray) -> None:
-            self.actions = actions
-
-        def step_wait(self) -> Any:
-            total = np.zeros(ROBOTS)
+        def step(self, actions: np.ndarray) -> Any:
+            total: Any = 0.0
             for _ in range(HELD):
-                seen, reward, lost, late, info = made.step(self.actions)
-                total += reward
+                seen, reward, lost, late, info = self.env.step(actions)
+                total = total + reward
                 if np.any(lost | late):
                     break  # all end together, but for what diverges
-            infos: list[dict[str, Any]] = [{} for _ in range(ROBOTS)]
-            for number in np.flatnonzero(lost | late):
-                infos[number] = {
-                    "terminal_observation": info["final_obs"][number][columns],
-                    "TimeLimit.truncated": bool(late[number] and not lost[number]),
-                }
-            return seen[:, columns], total.astype(np.float32), lost | late, infos
+            return seen, total, lost, late, info
 
-        def close(self) -> None:
-            made.close()
-
-        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-            return [getattr(made, attr_name, None)] * ROBOTS
-
-        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-            raise NotImplementedError
-
-        def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-            raise NotImplementedError
-
-        def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-            return [False] * ROBOTS
-
-    robots = VecNormalize(Robots(), gamma=0.93)
+    torch.set_num_threads(1)  # the robots have threads of their own
+    task = replace(task_of("SixBarRoll"), observed=SEEN)
+    robots = VecNormalize(
+        StableBaselinesVecEnv(Held(TensegrityVectorEnv(ROBOTS, task, autoreset_mode="SameStep"))), gamma=0.93
+    )
     model = PPO(
         "MlpPolicy",
         robots,
@@ -139,7 +105,6 @@ def learn(out: Path, periods: int, seed: int) -> None:
         device="cpu",
     )
     # It begins with strings about as long as designed.
-    task = task_of("SixBarRoll")
     designed = 2 * (task.scene.structure.rest_lengths - task.low) / (task.high - task.low) - 1
     torch.nn.init.constant_(model.policy.action_net.bias, float(designed.mean()))
     curve: list[tuple[Any, ...]] = [("periods", "seconds", "reward per episode [m]")]

@@ -80,7 +80,7 @@ def real_array(
         raise error(f"{given}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
     if not np.all(np.isfinite(array)):
         place = np.argwhere(~np.isfinite(array))[0].tolist() if shape_of(value) else []
-        found = array[tuple(place)] if place else value_text(value)
+        found = array[tuple(place)] if place else value_text(kinds.shown(value))
         raise error(f"{what}{place or ''} = {found}; every number must be finite")
     return array
 

@@ -257,6 +257,17 @@ def each(need: str, **of: Kind) -> Kind:
     return Kind(plain, need, lambda value: fits(value) and len(value) == len(of), schema=list_schema(NUMBER, len(of)))
 
 
+def function(arguments: str) -> Kind:
+    """A function of these arguments, which no file can hold."""
+
+    def plain(value: Any) -> Any:
+        if not callable(value):
+            raise not_allowed(value, f"a function ({arguments})")
+        return value
+
+    return Kind(plain)
+
+
 def array(shape: str) -> Kind:
     """A read-only array of floats, whose shape and numbers are for others to check."""
 

@@ -95,7 +95,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
     def terms(self, physics: ScenePhysics) -> dict[str, float]:
         """The terms of the task's reward for the last control step."""
         after = self.state(physics)
-        terms = self.task.terms(self.task, after if self._before is None else self._before, after)
+        terms = self.task.scored(after if self._before is None else self._before, after)
         return {name: float(term[0]) for name, term in terms.items()}
 
     def get_reward(self, physics: ScenePhysics) -> float:

@@ -21,6 +21,7 @@ from tensegrity_mj.gymnasium.registration import register as register  # noqa: E
 if TYPE_CHECKING:
     from tensegrity_mj.gymnasium.environments import TensegrityEnv as TensegrityEnv
     from tensegrity_mj.gymnasium.environments import TensegrityVectorEnv as TensegrityVectorEnv
+    from tensegrity_mj.gymnasium.stable_baselines import StableBaselinesVecEnv as StableBaselinesVecEnv
 else:
     __getattr__, __dir__ = face(__name__)
 

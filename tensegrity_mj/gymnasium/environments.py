@@ -18,18 +18,18 @@ from tensegrity_mj.studies.tasks.viewing import Viewer
 from tensegrity_mj.studies.tasks.world import LARGEST, Outcome, World
 
 RENDER_MODES = ("human", "rgb_array")
-NEVER = 2**62  # control periods: Gymnasium's own wrapper ends the episodes of one robot
 METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # what gymnasium.make reads of a class
 Array32 = NDArray[np.float32]
 Info = dict[str, Any]
 
 
 class TensegrityEnv(gymnasium.Env[Array32, Array32]):
-    """One robot: a `TensegrityVectorEnv` of one, whose episodes do not end by themselves.
+    """One robot: a `TensegrityVectorEnv` of one, which goes on after the end of an episode until it is reset.
 
     Args:
         task: the name of a task, or a `tensegrity_mj.studies.tasks.Task`.
         render_mode: "rgb_array", or "human": a window that is renewed at each step.
+        max_episode_steps: after which an episode is truncated; the task's by default, -1 for no end.
         options: `action`, `parameters`, `draws`: see `tensegrity_mj.studies.tasks.World`.
 
     Attributes:
@@ -42,8 +42,12 @@ class TensegrityEnv(gymnasium.Env[Array32, Array32]):
 
     metadata: Info = METADATA
 
-    def __init__(self, task: str | Task, render_mode: str | None = None, **options: Any) -> None:
-        self._one = one = TensegrityVectorEnv(1, task, NEVER, render_mode, AutoresetMode.DISABLED, **options)
+    def __init__(
+        self, task: str | Task, render_mode: str | None = None, max_episode_steps: int | None = None, **options: Any
+    ) -> None:
+        self._one = one = TensegrityVectorEnv(
+            1, task, max_episode_steps, render_mode, AutoresetMode.DISABLED, **options
+        )
         self.world, self.observation_slices = one.world, one.observation_slices
         self.render_mode, self.metadata = render_mode, one.metadata
         self.action_space, self.observation_space = one.single_action_space, one.single_observation_space
@@ -55,9 +59,9 @@ class TensegrityEnv(gymnasium.Env[Array32, Array32]):
 
     def step(self, action: ArrayLike) -> tuple[Array32, float, bool, bool, Info]:
         """A control period. The terms of the reward are in `info`."""
-        seen, reward, terminated, _, info = self._one.step(np.asarray(action)[None])
+        seen, reward, terminated, truncated, info = self._one.step(np.asarray(action)[None])
         found = {name: part[0].item() for name, part in info.items() if not name.startswith("_")}
-        return seen[0], float(reward[0]), bool(terminated[0]), False, found
+        return seen[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), found
 
     def render(self) -> Any:
         """(480, 640, 3) uint8 with "rgb_array"."""
@@ -74,7 +78,7 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
 
     Args:
         num_envs: of robots.
-        max_episode_steps: of an episode; the task's by default.
+        max_episode_steps: as of `TensegrityEnv`.
         autoreset_mode: see `gymnasium.vector.AutoresetMode`.
         task, render_mode: as of `TensegrityEnv`; "human" shows the first robot.
         options: `action`, `parameters`, `draws`, `threads`: see `tensegrity_mj.studies.tasks.World`.
@@ -100,20 +104,20 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
     ) -> None:
         if render_mode is not None:
             check_known("render_mode", render_mode, RENDER_MODES, "mode")
-        self.world = world = World(task, num_envs, **options)
+        self.world = world = World(task, num_envs, max_episode_steps=max_episode_steps, **options)
         self.render_mode, self.observation_slices = render_mode, world.slices
         self.single_action_space = Box(-1.0, 1.0, (len(world.task.low),), np.float32)
         self.single_observation_space = Box(-LARGEST, LARGEST, (world.size,), np.float32)
         self.num_envs = world.count
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._steps = world.task.steps if max_episode_steps is None else max_episode_steps
         if not isinstance(autoreset_mode, AutoresetMode):
             check_known("autoreset_mode", autoreset_mode, [mode.value for mode in AutoresetMode], "mode")
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = METADATA | {
             "render_fps": round(1.0 / world.task.period),
             "measured_error": dict(world.task.measured_error),
+            "drawn": list(world.drawn),
             "autoreset_mode": self._mode,
         }
         self._viewer: Viewer | None = None
@@ -145,12 +149,12 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
         anew = self._ended.copy() if self._mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
         go = ~anew
         observation = np.zeros((self.num_envs, self.world.size), np.float32)
-        reward, diverged = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
+        reward, (diverged, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         out = self.world.step(self._all[go], np.asarray(actions)[go])
-        observation[go], reward[go], diverged[go] = out.observation, out.reward, out.diverged
+        observation[go], reward[go] = out.observation, out.reward
+        diverged[go], truncated[go] = out.diverged, out.truncated
         observation[anew] = self.begin(self._all[anew])
         self._show()
-        truncated = go & (self.world.steps >= self._steps)
         info = self._info(go, out)
         self._ended = diverged | truncated
         ended = self._ended.copy()
@@ -195,6 +199,11 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
             info[name] = np.zeros(self.num_envs, term.dtype)
             info[name][which], info[f"_{name}"] = term, which.copy()
         return info
+
+
+def unlimited(**options: Any) -> TensegrityEnv:
+    """A `TensegrityEnv` as `gymnasium.make` makes it by name, whose wrapper `TimeLimit` counts the steps."""
+    return TensegrityEnv(max_episode_steps=-1, **options)
 
 
 def _listed(seed: Any) -> bool:

@@ -15,7 +15,7 @@ def register() -> None:
         if f"Tensegrity/{name}-v0" not in gymnasium.registry:
             gymnasium.register(
                 f"Tensegrity/{name}-v0",
-                entry_point=f"{HERE}:TensegrityEnv",
+                entry_point=f"{HERE}:unlimited",
                 vector_entry_point=f"{HERE}:TensegrityVectorEnv",
                 max_episode_steps=task_of(name).steps,
                 kwargs={"task": name},

@@ -12,7 +12,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Replay
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies import Choice, Draw, Uniform
-from tensegrity_mj.studies.tasks import Task, World, gait, measured_error, task_of
+from tensegrity_mj.studies.tasks import Goal, Task, World, gait, measured_error, task_of
 from tensegrity_mj.studies.tasks.robots import TASKS
 
 ONE = np.zeros(1, np.int64)
@@ -173,6 +173,120 @@ def test_the_stated_error_of_the_gait_is_the_measured_one_and_it_rolls_forward()
     assert short["after_1_s"] == pytest.approx(task.measured_error["after_1_s"], rel=0.06)
 
 
+def prism_task(scene: str = "prism", **options: Any) -> Task:
+    """A task of one's own: the top of a shipped scene is to rise; some of it may be wrong."""
+    one = tmj.load_scene(scene)
+    lengths = one.structure.rest_lengths
+    given: dict[str, Any] = {"low": 0.8 * lengths, "high": 1.2 * lengths, "observed": ("nodes",), "steps": 5}
+    return Task(one, rising, **(given | options))
+
+
+def rising(task: Task, before: Any, after: Any) -> dict[str, Any]:
+    return {"height": after.nodes[:, :, 2].max(axis=1)}
+
+
+NAN, INF = float("nan"), float("inf")
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"scene": "prism"}, "task: scene = 'prism'; use a Scene, or load_scene"),
+    ({"terms": None}, "task: terms = None; it must be a function (task, before, after)"),
+    ({"low": None}, "task: low"),
+    ({"low": "short"}, "task: low = 'short'; it must be an array of numbers, (M,)"),
+    ({"low": NAN}, "task: low = nan; every number must be finite"),
+    ({"low": [0.1] * 11 + [NAN]}, "task: low[11] = nan; every number must be finite"),
+    ({"high": INF}, "task: high = inf; every number must be finite"),
+    ({"low": [0.1]}, "task: low = array([0.1]) of shape (1,); it must be a number or an array of shape (12,) [m]"),
+    ({"low": [[0.1, 0.2]]}, "task: low = array([[0.1, 0.2]]) of shape (1, 2)"),
+    ({"low": 0.5, "high": 0.4}, "task: string 's1': low = 0.5, high = 0.4 m; allowed: 0 <= low <= high"),
+    ({"low": -0.1}, "task: string 's1': low = -0.1"),
+    ({"observed": ("node",)}, "task: observed: there is no part of an observation 'node' (did you mean 'nodes'?)"),
+    ({"observed": "nodes"}, "task: observed = 'nodes'; it must be a sequence"),
+    ({"observed": ()}, "task: observed = (); name at least one of nodes, shape"),
+    ({"observed": (3,)}, "task: observed[0] = 3"),
+    ({"observed": ("goal",)}, "task: observed has 'goal': give the task a goal, or leave it out"),
+    ({"of": "pulley", "observed": ("target",)}, "observed has 'target': scene 'pulley' has none"),
+    ({"of": "massive_string", "observed": ("imu",)}, "observed has 'imu': scene 'massive_string' has neither rods"),
+    ({"action": "torque"}, "task: action = 'torque'"),
+    ({"period": 0}, "task: period = 0; it must be > 0 s"),
+    ({"period": NAN}, "task: period = nan"),
+    ({"period": "long"}, "task: period = 'long'"),
+    ({"period": 3e-4}, "control period over the time step: 0.0003 s is no multiple of 0.001 s"),
+    ({"period": 1e9}, "control period = 1e+09 s: 1000000000000 steps of 0.001 s; at most 1000000 are made in one"),
+    ({"period": 1e90}, "control period over the time step: 1e+90 s over 0.001 s are more steps than can be counted"),
+    ({"steps": 0}, "task: steps = 0; it must be an integer from 1 to"),
+    ({"steps": -1}, "task: steps = -1"),
+    ({"steps": "x"}, "task: steps = 'x'"),
+    ({"steps": 10**400}, "task: steps = 1000"),
+    ({"engine": "mujoco"}, "task: engine = 'mujoco'; use MuJoCo("),
+    ({"engine": tmj.DAE()}, "task: engine = DAE("),
+    ({"start": 0.01}, "task: start = 0.01; use RandomStart(displacement, speed, seed), or None"),
+    ({"goal": ("s1", 0.1)}, "task: goal = ('s1', 0.1); use Goal(nodes, reach), or None"),
+    ({"goal": Goal(("top",), (0, 0, 0))}, "task: goal: there is no node 'top'"),
+    ({"goal": Goal((), (0, 0, 0))}, "task: goal: nodes = (); name at least one node"),
+    ({"measured_error": 1e-3}, "task: measured_error = 0.001; it must be a mapping"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), WRONG, ids=range(len(WRONG)))
+def test_a_task_that_fits_nothing_names_what_is_wrong(options: dict[str, Any], message: str) -> None:
+    options = dict(options)
+    task = prism_task(options.pop("of", "prism"))
+    with pytest.raises(OptionError) as caught:
+        replace(task, **options)
+    assert message in str(caught.value)
+
+
+def test_a_task_without_strings_and_a_goal_that_is_none_are_refused() -> None:
+    scene = tmj.load_scene("pinned_rod")
+    bare = scene.with_(structure=replace(scene.structure, strings=()), control=None)
+    with pytest.raises(OptionError, match="task: scene 'pinned_rod' has no strings: there is nothing to act with"):
+        Task(bare, rising, 0.1, 0.2, ("nodes",))  # type: ignore[arg-type]
+    for reach in (3, (0, 0), (0, 0, -1), (NAN, 0, 0), "box", None):
+        with pytest.raises(OptionError, match=r"Goal: reach"):
+            Goal(("a",), reach)  # type: ignore[arg-type]
+    for nodes in (3, "a", (3,), None):
+        with pytest.raises(OptionError, match=r"Goal: nodes"):
+            Goal(nodes, (0, 0, 0))  # type: ignore[arg-type]
+
+
+def test_one_number_stands_for_all_limits_and_a_string_may_be_left_as_it_is() -> None:
+    """What holds for all strings needs no array; where low is high, an action changes nothing."""
+    task = prism_task(low=0.4, high=0.6)
+    assert (task.low.tolist(), task.high.tolist()) == ([0.4] * 12, [0.6] * 12)
+    assert task.commanded(np.zeros((1, 12))).tolist() == [[0.5] * 12]
+    still = prism_task(low=0.5, high=[0.5, *[0.6] * 11])
+    assert still.commanded(np.ones((1, 12)))[0, :2].tolist() == [0.5, 0.6]
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        (None, "task: terms returned None; it must be a mapping of names to numbers (n,)"),
+        (1.0, "task: terms returned 1.0"),
+        ({"h": None}, "task: term 'h' of the reward = None"),
+        ({"h": NAN}, "task: term 'h' of the reward = nan; every number must be finite"),
+        ({"g": 1.0, "h": np.full(2, INF)}, "task: term 'h' of the reward[0] = inf; every number must be finite"),
+        ({"h": np.zeros(7)}, "task: term 'h' of the reward = array([0., 0., 0., 0., 0., 0., 0.]) of shape (7,)"),
+        ({"h": "high"}, "task: term 'h' of the reward = 'high'"),
+        ({"h": 1j}, "task: term 'h' of the reward = 1j"),
+    ],
+)
+def test_a_reward_that_is_none_is_refused(terms: Any, message: str) -> None:
+    world = World(replace(prism_task(), terms=lambda task, before, after: terms), 2)
+    ids = np.arange(2)
+    world.start(ids, [np.random.default_rng(0)] * 2)
+    with pytest.raises(OptionError) as caught:
+        world.step(ids, np.zeros((2, 12)))
+    assert message in str(caught.value)
+
+
+def test_a_reward_may_be_one_number_for_all_and_have_no_terms() -> None:
+    ids, generators = np.arange(2), [np.random.default_rng(0)] * 2
+    for terms, reward in (({"h": 2, "g": np.array([1.0, 3.0])}, [3.0, 5.0]), ({}, [0.0, 0.0])):
+        world = World(replace(prism_task(), terms=lambda task, before, after, terms=terms: terms), 2)
+        world.start(ids, generators)
+        assert world.step(ids, np.zeros((2, 12))).reward.tolist() == reward
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -188,6 +302,10 @@ def test_the_stated_error_of_the_gait_is_the_measured_one_and_it_rolls_forward()
         ({"parameters": {"delay": 1}, "draws": [Draw("delay", Choice([1]))]}, "delay: it is given twice"),
         ({"parameters": {"structure.rods.weight": 1.0}}, "structure.rods.weight: .*mass"),
         ({"parameters": {"engine.timestep": 3e-3}}, "control period over the time step"),
+        ({"parameters": 3}, "parameters = 3; it must be a mapping of paths to values"),
+        ({"draws": None}, "draws = None; it must be a sequence"),
+        ({"draws": 3}, "draws = 3; it must be a sequence"),
+        ({"threads": -1}, "threads = -1"),
         ({"parameters": {"structure.strings.winch_speed": None}, "action": "speed"}, "winch_speed"),
     ],
 )

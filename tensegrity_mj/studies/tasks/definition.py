@@ -6,19 +6,29 @@ Arrays have a leading axis: n robots at once; dm_control has one. SI units, worl
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known, real_array
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.tasks.starts import RandomStart
+
+LONGEST = 2**40  # control periods of an episode
+MOST_SUBSTEPS = 1_000_000  # of the engine in a control period, which nothing interrupts: seconds
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class State:
     goal: Array
 
 
-@dataclass(frozen=True)
+@value("Goal", OptionError)
 class Goal:
     """A place that is drawn for each episode, evenly from a box, for the middle of some nodes.
 
@@ -52,44 +62,103 @@ class Goal:
         reach: half the sides of the box [m], about where the middle is by design.
     """
 
-    nodes: tuple[str, ...]
-    reach: tuple[float, float, float]
+    nodes: tuple[str, ...] = field(kinds.names("node"))
+    reach: tuple[float, float, float] = field(
+        kinds.each("three numbers >= 0 [m]", **dict.fromkeys("xyz", kinds.not_negative("m")))
+    )
 
 
-@dataclass(frozen=True, eq=False)
+@value("task", OptionError, eq=False)
 class Task:
-    """What a robot is to do.
+    """What a robot is to do, in episodes of a number of control periods.
+
+    Episodes differ where something is drawn for them: `start`, `goal`, and the draws of a `World`. Without any of these
+    every episode begins exactly at the scene's start, whatever its seed.
 
     Attributes:
         scene: robot and surroundings.
-        terms: reward of a control period by names, (n,) each, from the states before and after it; they are summed.
-        low, high: limits of what is commanded (M,): rest lengths [m], or force densities [N/m].
+        terms: reward of a control period by names, (n,) or one number each, from the states before and after it; they
+            are summed.
+        low, high: limits of what is commanded, (M,) or one number: rest lengths [m], or force densities [N/m].
         observed: names of READERS, in order.
         action: what is commanded.
         period: between two commands [s], a multiple of the engine's step.
-        steps: periods in an episode.
+        steps: periods in an episode, which is truncated after them.
         engine: step and integrator.
         start: random starts.
         goal: what is drawn for each episode.
         measured_error: as `measured_error` of this task gave it.
+
+    Raises:
+        OptionError: naming the argument that is out of range, or does not fit the scene.
     """
 
-    scene: Scene
-    terms: Callable[[Task, State, State], Mapping[str, Array]]
-    low: Array
-    high: Array
-    observed: tuple[str, ...]
-    action: Command = Command.REST_LENGTH
-    period: float = 0.1
-    steps: int = 100
-    engine: MuJoCo = field(default_factory=MuJoCo)
-    start: RandomStart | None = None
-    goal: Goal | None = None
-    measured_error: Mapping[str, Any] = field(default_factory=dict)
+    scene: Scene = field(kinds.part(Scene, "a Scene, or load_scene(name or path)"))
+    terms: Callable[[Task, State, State], Mapping[str, Any]] = field(kinds.function("task, before, after"))
+    low: Array = field(kinds.array("(M,)"))
+    high: Array = field(kinds.array("(M,)"))
+    observed: tuple[str, ...] = field(kinds.names("part of an observation"))
+    action: Command = field(kinds.choice(Command), default=Command.REST_LENGTH)
+    period: float = field(kinds.positive("s"), default=0.1)
+    steps: int = field(kinds.whole(1, LONGEST), default=100)
+    engine: MuJoCo = field(kinds.part(MuJoCo), factory=MuJoCo)
+    start: RandomStart | None = field(kinds.part(RandomStart), default=None, none="None for the scene's start")
+    goal: Goal | None = field(kinds.part(Goal), default=None, none="None")
+    measured_error: Mapping[str, Any] = field(
+        kinds.mapping(kinds.text(), kinds.Kind(lambda one: one), "a mapping", "number"), factory=dict
+    )
+
+    def __attrs_post_init__(self) -> None:
+        structure, names = self.scene.structure, self.scene.structure.node_index
+        if not structure.strings:
+            raise refused(self, f"scene '{self.scene.name}' has no strings: there is nothing to act with")
+        unit = "m" if self.action is Command.REST_LENGTH else "N/m"
+        for name in ("low", "high"):
+            limits = real_array(f"task: {name}", getattr(self, name), (len(structure.strings),), unit)
+            object.__setattr__(self, name, limits)
+        for string, low, high in zip(structure.strings, self.low, self.high, strict=True):
+            if not 0 <= low <= high:
+                raise refused(
+                    self, f"string '{string.name}': low = {low:g}, high = {high:g} {unit}; allowed: 0 <= low <= high"
+                )
+        for name in self.observed:
+            check_known("task: observed", name, READERS, "part of an observation")
+        need = {
+            "goal": (self.goal, "give the task a goal"),
+            "target": (self.scene.target, f"scene '{self.scene.name}' has none"),
+            "imu": (len(self.sensors), f"scene '{self.scene.name}' has neither rods nor bodies that carry sensors"),
+        }
+        for name in ("goal", "target", "imu"):
+            if name in self.observed and not need[name][0]:
+                raise refused(self, f"observed has '{name}': {need[name][1]}, or leave it out")
+        if not self.observed:
+            raise refused(self, f"observed = (); name at least one of {', '.join(READERS)}")
+        for name in () if self.goal is None else self.goal.nodes:
+            check_known("task: goal", name, names, "node")
+        if self.goal is not None and not self.goal.nodes:
+            raise refused(self, "goal: nodes = (); name at least one node")
+        substeps(self.period, self.engine.timestep)
 
     def observe(self, state: State) -> dict[str, Array]:
         """What is observed, (n, ...) each, by its name."""
         return {name: READERS[name](self, state) for name in self.observed}
+
+    def scored(self, before: State, after: State, lost: NDArray[np.bool_] | None = None) -> dict[str, Array]:
+        """The terms of the reward (n,) by their names; 0 of robots that are lost.
+
+        Raises:
+            OptionError: where `terms` returns no mapping of finite numbers.
+        """
+        found, kept = self.terms(self, before, after), np.ones(len(after.time), bool) if lost is None else ~lost
+        if not isinstance(found, Mapping):
+            raise OptionError(
+                f"task: terms returned {value_text(found)}; it must be a mapping of names to numbers (n,)"
+            )
+        scores = {name: np.zeros(len(kept)) for name in found}
+        for name, term in found.items():
+            given = term[kept] if np.shape(term) == kept.shape else term
+            scores[name][kept] = real_array(f"task: term {name!r} of the reward", given, (int(kept.sum()),))
+        return scores
 
     def commanded(self, actions: Array) -> Array:
         """Commands of normalised actions: -1 is `low`, 1 is `high`."""
@@ -103,7 +172,7 @@ class Task:
 
     def middle(self, nodes: Array) -> Array:
         """(..., 3) of the nodes (..., N, 3) that have the goal."""
-        assert self.goal is not None
+        assert self.goal is not None  # as the task's check has it
         index = self.scene.structure.node_index
         return np.asarray(nodes[..., [index[name] for name in self.goal.nodes], :].mean(axis=-2))
 
@@ -119,7 +188,7 @@ class Task:
         structure = self.scene.structure
         pairs = [pair.tolist() for pair in structure.rod_nodes]
         pairs += [[structure.node_index[name] for name in body.nodes[:2]] for body in structure.bodies]
-        return np.array(pairs).reshape(-1, 2)
+        return np.array(pairs, int).reshape(-1, 2)
 
     def targets(self, state: State) -> Array:
         """Target node positions (n, N, 3) [m] at these times."""
@@ -155,6 +224,20 @@ READERS: dict[str, Callable[[Task, State], Array]] = {
     "target": lambda task, state: task.targets(state),
     "goal": lambda task, state: state.goal - task.middle(state.nodes),
 }
+
+
+def substeps(period: float, timestep: float) -> int:
+    """Steps of the engine in a control period.
+
+    Raises:
+        OptionError: where the period is no multiple of the step, or has too many of them.
+    """
+    count = whole_ratio(period, timestep, "control period over the time step")
+    if count > MOST_SUBSTEPS:
+        raise OptionError(
+            f"control period = {period:g} s: {count} steps of {timestep:g} s; at most {MOST_SUBSTEPS} are made in one"
+        )
+    return count
 
 
 def target_distance(task: Task, before: State, after: State) -> dict[str, Array]:

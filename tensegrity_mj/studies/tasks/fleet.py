@@ -24,8 +24,9 @@ from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.actuation import Actuation, whole_ratio
+from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.tasks.definition import substeps
 from tensegrity_mj.studies.tasks.starts import RandomStart, displace
 
 VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
@@ -44,7 +45,7 @@ class Fleet(MuJoCoEnsemble):
     """
 
     def __init__(self, scene: Scene, options: MuJoCo, period: float, count: int, threads: int) -> None:
-        self.substeps = whole_ratio(period, options.timestep, "control period over the time step")
+        self.substeps = substeps(period, options.timestep)
         if not scene.structure.curves.linear:
             raise OptionError(f"scene '{scene.name}': tensions of its strings are curves; give them a stiffness alone")
         self._period, M = period, len(scene.structure.strings)

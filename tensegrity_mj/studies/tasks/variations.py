@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.basics.checks import sequence_of
+from tensegrity_mj.basics.texts import unknown, value_text
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
@@ -46,7 +47,10 @@ class Variations:
     """
 
     def __init__(self, task: Task, parameters: Mapping[str, Any] | None, draws: Sequence[Draw]) -> None:
+        if not isinstance(parameters or {}, Mapping):
+            raise OptionError(f"parameters = {value_text(parameters)}; it must be a mapping of paths to values")
         scene, settings = task.scene, dict(parameters or {})
+        draws = sequence_of("draws", draws)
         for draw in draws:
             if not isinstance(draw, Draw):
                 raise OptionError(f"draws holds {draw!r}; use Draw(parameter, distribution)")

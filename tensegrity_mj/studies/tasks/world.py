@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, checked
 from tensegrity_mj.basics.kinds import whole
+from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies.axes import Draw
-from tensegrity_mj.studies.tasks.definition import State, Task
+from tensegrity_mj.studies.tasks.definition import LONGEST, State, Task
 from tensegrity_mj.studies.tasks.fleet import Fleet
 from tensegrity_mj.studies.tasks.robots import task_of
 from tensegrity_mj.studies.tasks.variations import Variations
@@ -35,12 +36,14 @@ class Outcome:
         reward: (n,), the sum of the terms.
         terms: (n,) each.
         diverged: (n,) whether the simulation was lost; the reward is 0 then, and the episode over.
+        truncated: (n,) whether the episode has all its control periods.
     """
 
     observation: Array
     reward: Array
     terms: Mapping[str, Array]
     diverged: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
 
 
 class World:
@@ -53,10 +56,12 @@ class World:
             of a winch, between as fast in (-1) and as fast out (1) as it can.
         parameters, draws: see `Variations`; the draws are made anew for each episode.
         threads: 0 for as many as there are cores. The results do not depend on it.
+        max_episode_steps: control periods of an episode; the task's by default, -1 for no end.
 
     Attributes:
         slices: where each part of an observation stands, by its name.
         steps: (n,) control periods since each robot started.
+        drawn: names of what is drawn for each episode. Where it is empty, all seeds give the same episode.
 
     Raises:
         OptionError: for options that are out of range, and scenes that MuJoCo cannot step many of.
@@ -71,11 +76,23 @@ class World:
         parameters: Mapping[str, Any] | None = None,
         draws: Sequence[Draw] = (),
         threads: int = 0,
+        max_episode_steps: int | None = None,
     ) -> None:
         self.task = task = task_of(task)
+        if task.action is not Command.REST_LENGTH:
+            raise OptionError(
+                f"task: action = {task.action}; here winches are commanded by Command.REST_LENGTH, and force densities "
+                "by dm_control's `environment`"
+            )
         check_known("action", action, ACTIONS, "kind of action")
+        most = task.steps if max_episode_steps is None else max_episode_steps
+        endless = isinstance(most, int) and most == -1
+        self._most: int = LONGEST if endless else checked("max_episode_steps", most, whole(1, LONGEST))
         self.count: int = checked("number of robots", count, whole(1))
         self.variations = Variations(task, parameters, draws)
+        start, goal = task.start, task.goal
+        found = {"start": start and (start.displacement or start.speed), "goal": goal and any(goal.reach)}
+        self.drawn = [name for name, drawn in found.items() if drawn] + [one.parameter for one in self.variations.draws]
         scene, engine = self.variations.base.scene, self.variations.engine
         require(engine, scene, "simulate_many")
         speed = scene.structure.limits("winch_speed")
@@ -129,6 +146,7 @@ class World:
 
         Raises:
             ControllerError: for actions of another shape, or that are not finite.
+            OptionError: for a reward that is none.
         """
         task, before = self.task, self._of(ids)
         names = [string.name for string in task.scene.structure.strings]
@@ -149,9 +167,10 @@ class World:
         with np.errstate(over="ignore", invalid="ignore"):  # of those that diverged
             means = (seen["velocities"] - before.velocities) / task.period
             after = State(self.steps[ids] * task.period, **seen, accelerations=means, goal=before.goal)
-            terms = {name: np.where(diverged, 0.0, term) for name, term in task.terms(task, before, after).items()}
+            terms = task.scored(before, after, diverged)
             self._keep(ids, after)
-            return Outcome(self._observed(ids), np.sum(list(terms.values()), axis=0), terms, diverged)
+            reward = sum(terms.values(), np.zeros(len(ids)))
+            return Outcome(self._observed(ids), reward, terms, diverged, self.steps[ids] >= self._most)
 
     def state(self, ids: Ids | None = None) -> State:
         """What the robots are now, without noise."""
