@@ -23,13 +23,13 @@ class Remembered:
             entry = weakref.ref(owner, lambda _: self._entries.pop(number, None)), {}
             self._entries[number] = entry
         values = entry[1]
-        if key not in values:
-            made = make()
+        found = values.get(key, values)  # itself where there is none; other threads may take values out at any time
+        if found is values:
+            found = make()
             while len(values) >= MOST:
-                values.pop(next(iter(values)), None)
-            values[key] = made
-            return made
-        return values[key]
+                values.pop(next(iter(list(values))), None)
+            values[key] = found
+        return found
 
     def __len__(self) -> int:
         return len(self._entries)

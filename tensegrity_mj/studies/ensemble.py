@@ -257,8 +257,8 @@ def law_in(
 
     Raises:
         OptionError: for laws that must be sampled, or keep something between calls; for scenes with strings that
-            break; while another run is under way in this process. At the end, if a model of the same shape
-            with other strings was stepped: it was left alone.
+            break; within another run or `law_in` (runs of other threads are waited for). At the end, if a model of the
+            same shape with other strings was stepped: it was left alone.
         ControllerError, InfeasibleError: at the end, if the law failed, or had no solution, at some state.
     """
     from tensegrity_mj.dynamics.native.plant import Plant

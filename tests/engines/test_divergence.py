@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -458,60 +458,109 @@ def test_a_simulation_within_a_law() -> None:
     np.testing.assert_array_equal(inner.nodes, plain.nodes)
 
 
-def test_another_thread_is_refused_or_right() -> None:
+def test_another_thread_waits_for_its_turn() -> None:
     scene = tmj.load_scene("pinned_rod")
     started, go_on = threading.Event(), threading.Event()
-    results: list[Trajectory] = []
+    results: dict[str, Trajectory] = {}
 
     def waiting(time: float, nodes: Array, velocities: Array) -> Array:
         started.set()
         assert go_on.wait(60)
         return np.array([0.02, 0.03, 0.04])
 
-    thread = threading.Thread(
-        target=lambda: results.append(tmj.simulate(scene, waiting, tmj.MuJoCo(0.01), duration=0.5))
-    )
-    thread.start()
+    def run(name: str, law: object) -> None:
+        results[name] = tmj.simulate(scene, law, tmj.MuJoCo(0.01), duration=0.5)  # type: ignore[arg-type]
+
+    threads = [threading.Thread(target=run, args=("first", waiting))]
+    threads[0].start()
     try:
         assert started.wait(60)
-        # Now a run stands still within its law. Another one is refused ...
-        with pytest.raises(OptionError, match="another MuJoCo run of this process is under way"):
-            tmj.simulate(scene, None, tmj.MuJoCo(0.01), duration=0.5)
-        # ... the reference model is not, nor is a MuJoCo of one's own, which must not notice the callback.
+        # Now a run stands still within its law. Another one waits ...
+        threads.append(threading.Thread(target=run, args=("second", None)))
+        threads[1].start()
+        # ... the reference model does not, nor a MuJoCo of one's own, which must not notice the callback.
         tmj.simulate(scene, None, engines(0.01)["DAE"], duration=0.5)  # type: ignore[arg-type]
         model = tmj.MuJoCo(0.01).model(scene)
         data = mujoco.MjData(model)
         mujoco.mj_step(model, data, 10)
         assert not data.ctrl.any()
+        assert not results
     finally:
         go_on.set()
-        thread.join(60)
-    alone = tmj.simulate(scene, FailsAt(math.inf, BAD["nan"][0]), tmj.MuJoCo(0.01), duration=0.5)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(results[0].nodes, alone.nodes)
+        for thread in threads:
+            thread.join(60)
+    for name, law in (("first", FailsAt(math.inf, BAD["nan"][0])), ("second", None)):
+        alone = tmj.simulate(scene, law, tmj.MuJoCo(0.01), duration=0.5)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(results[name].nodes, alone.nodes)
 
 
-def test_many_threads_at_once() -> None:
-    scene = tmj.load_scene("prism")
-    law = tmj.controllers.from_scene(scene)
-    alone = tmj.simulate(scene, law, tmj.MuJoCo(1e-2), duration=2.0)
-    barrier, outcomes = threading.Barrier(4), []
+def test_nobody_waits_for_a_law_in_mujocos_own_loops() -> None:
+    """It ends when its caller wants, who may wait for that very thread."""
+    scene, failures = tmj.load_scene("prism"), []
 
     def work() -> None:
-        barrier.wait()
-        for _ in range(5):
-            try:
-                outcomes.append(tmj.simulate(scene, law, tmj.MuJoCo(1e-2), duration=2.0))
-            except OptionError as error:
-                outcomes.append(error)
+        try:
+            tmj.simulate(scene, None, tmj.MuJoCo(1e-2), duration=0.1)
+        except OptionError as error:
+            failures.append(str(error))
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
+    with tmj.law_in(scene, tmj.controllers.from_scene(scene), tmj.MuJoCo(1e-2)):
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join(60)
+    assert "another MuJoCo run of this process is under way, in the law" in failures[0]
+    work()
+    assert len(failures) == 1
+
+
+def test_eight_threads_have_the_bits_of_one() -> None:
+    """Runs of all kinds, three times each: laws compiled and in Python, contact, loops, many at once, a divergence, a
+    law that fails, and one that is interrupted as by Ctrl-C.
+    """
+    prism, rod, drop = (tmj.load_scene(name) for name in ("prism", "pinned_rod", "prism_drop"))
+    law, engine = tmj.controllers.from_scene(prism), tmj.MuJoCo(1e-2)
+    strings = tuple(replace(one, stiffness=1e4 * one.stiffness) for one in prism.structure.strings)
+    stiff = prism.with_(structure=replace(prism.structure, strings=strings))
+
+    def interrupted(time: float, nodes: Array, velocities: Array) -> Array:
+        raise KeyboardInterrupt
+
+    def pulls(time: float, nodes: Array, velocities: Array) -> Array:
+        return np.array([0.02, 0.03, 0.04 + 1e-3 * np.sin(time)])
+
+    jobs: list[Callable[[], Any]] = [
+        lambda: tmj.simulate(prism, law, engine, duration=1.0),
+        lambda: tmj.simulate(rod, pulls, engine, duration=1.0),
+        lambda: tmj.simulate(drop, None, tmj.MuJoCo(5e-4), duration=0.4),
+        lambda: tmj.simulate(tmj.load_scene("dbar"), None, tmj.MuJoCo(1e-3), duration=0.2),
+        lambda: tmj.simulate_many([prism, prism], law, engine, duration=0.5)[1],
+        lambda: tmj.simulate(stiff, None, tmj.MuJoCo(0.1), duration=2.0),
+        lambda: tmj.simulate(rod, FailsAt(0.3, BAD["nan"][0]), engine, duration=1.0),
+        lambda: tmj.simulate(rod, interrupted, engine, duration=1.0),
+    ]
+
+    def outcome(job: Callable[[], Any]) -> tuple[Any, ...]:
+        try:
+            run = job()
+        except (tmj.errors.TensegrityError, KeyboardInterrupt) as error:
+            partial = getattr(error, "partial", None)
+            return type(error), str(error), None if partial is None else partial.nodes.tobytes()
+        return tuple(getattr(run, name).tobytes() for name in (*VARIABLES, "multipliers", "external_work"))
+
+    alone = [outcome(job) for job in jobs]
+    assert [one[0] for one in alone[5:]] == [DivergenceError, ControllerError, KeyboardInterrupt]
+    barrier, outcomes = threading.Barrier(8), [[] for _ in jobs]
+
+    def work(first: int) -> None:
+        barrier.wait()
+        for number in range(first, first + 3):  # no two threads do the same at the same time
+            outcomes[number % 8].append(outcome(jobs[number % 8]))
+
+    threads = [threading.Thread(target=work, args=(first,)) for first in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(120)
-    assert len(outcomes) == 20
-    runs = [outcome for outcome in outcomes if isinstance(outcome, Trajectory)]
-    assert runs
-    for run, name in itertools.product(runs, VARIABLES):
-        np.testing.assert_array_equal(getattr(run, name), getattr(alone, name))
-    assert all("under way" in str(outcome) for outcome in outcomes if isinstance(outcome, OptionError))
+        thread.join(300)
+    assert mujoco.get_mjcb_control() is None
+    for number, found in enumerate(outcomes):
+        assert found == 3 * [alone[number]], number

@@ -24,7 +24,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_co
 from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, USERDATA_SIZE
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -84,7 +84,7 @@ class MuJoCoEnsemble:
         Raises:
             StructureError, SceneError, OptionError: as `MuJoCo.model`.
         """
-        return prepared(scene, self.options.timestep, self.options.word, many.USERDATA_SIZE)
+        return prepared(scene, self.options.timestep, self.options.word, USERDATA_SIZE)
 
     def give_models(self, ready: Mapping[int, Prepared]) -> None:
         """Have simulations step these models, by their numbers.
@@ -227,5 +227,5 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
     guide.set(law_table=plant.address, lent=lent, answers=answers)
     guide.set(answer_size=answer_size, room=many.law_room(plant, answer_size))
-    with installed(guide, many.law_alone):
+    with installed(guide, many.law_alone, lasting=True):
         yield answers

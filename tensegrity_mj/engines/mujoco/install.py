@@ -1,4 +1,7 @@
-"""The process-wide control callback of MuJoCo: who has it, and putting it in and out."""
+"""The process-wide control callback of MuJoCo: who has it, and putting it in and out.
+
+One run at a time has it. Runs of other threads wait for their turn, which changes no bit of them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,8 @@ CALLBACK = "void(int64, int64)"  # of an mjModel and an mjData
 active_table = own_integer(ACTIVE)
 
 
-_lock = threading.Lock()  # held while a run of ours is under way
+_free = threading.Condition()
+_holders: list[tuple[int, bool]] = []  # thread of the run that has the callback, and whether its caller ends its turn
 
 
 @c_function(CALLBACK, "the callback of MuJoCo's steps: strings, law, loads, energy")
@@ -55,7 +59,7 @@ def refuse_other_callbacks() -> None:
     import mujoco
 
     other = mujoco.get_mjcb_control()
-    if other is not None and not _lock.locked() and not any(other is own for own in _OWN):
+    if other is not None and not _holders and not any(other is own for own in _OWN):
         raise OptionError(
             "a control callback of your own is installed, and MuJoCo has one for the whole process: take it out with "
             "mujoco.set_mjcb_control(None)"
@@ -63,24 +67,44 @@ def refuse_other_callbacks() -> None:
 
 
 @contextmanager
-def installed(table: Table, callback: CFunction = single_run) -> Iterator[list[str]]:
+def _turn(lasting: bool) -> Iterator[None]:
+    """Wait until no other thread has the callback, and hold it."""
+    mine = (threading.get_ident(), lasting)
+    try:
+        with _free:
+            while _holders:
+                thread, endless = _holders[0]
+                if endless or thread == mine[0]:
+                    raise OptionError(
+                        "another MuJoCo run of this process is under way, in the law that called this one or within a "
+                        "law_in; MuJoCo has one callback a process, and that one ends after this one: run simulations "
+                        "one after the other, or in processes"
+                    )
+                _free.wait()
+            _holders.append(mine)
+        yield
+    finally:
+        with _free:
+            if any(one is mine for one in _holders):
+                _holders.clear()
+                _free.notify_all()
+
+
+@contextmanager
+def installed(table: Table, callback: CFunction = single_run, lasting: bool = False) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
     Meanwhile MuJoCo's profiler is off.
-    They are kept from MuJoCo's own handler, which would write a log file into the current folder.
+    They are kept from MuJoCo's own handler, which would write a log file into the current folder. A run of another
+    thread is waited for; `lasting` is for one that ends when its caller wants, for which nobody waits.
 
     Raises:
-        OptionError: if another thread of this process is simulating: MuJoCo has one callback for all.
+        OptionError: within another run, and while one that is lasting is under way.
     """
     import mujoco
 
-    if not _lock.acquire(blocking=False):
-        raise OptionError(
-            "another MuJoCo run of this process is under way, in another thread or in the law that called this one; "
-            "MuJoCo has one callback a process: run simulations one after the other, or in processes"
-        )
     texts: list[str] = []
-    try:
+    with _turn(lasting):
         function, active = _installable(callback)
         previous, previous_handler = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
         if previous is not None and any(previous is own for own in _OWN):
@@ -96,5 +120,3 @@ def installed(table: Table, callback: CFunction = single_run) -> Iterator[list[s
             mujoco.set_mju_user_warning(previous_handler)
             mujoco.set_mjcb_control(previous)
             active.value = 0
-    finally:
-        _lock.release()

@@ -47,9 +47,8 @@ from tensegrity_mj.engines.mujoco.callback import (
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.engines.mujoco.motion import drive
-from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, RunView
+from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, USERDATA_SIZE, RunView
 
-USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the number of the simulation
 TABLE_SIZE = len(RUN)
 PARAMETERS = 10  # numbers that mjModel has for the gain and for the bias of each actuator
 OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a law's status

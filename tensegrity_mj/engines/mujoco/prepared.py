@@ -19,7 +19,7 @@ from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.places import check_places
-from tensegrity_mj.engines.mujoco.run_view import bound
+from tensegrity_mj.engines.mujoco.run_view import USERDATA_SIZE, bound
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.scene import Scene
 
@@ -70,7 +70,8 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
 
     To make the objects of a small model takes as long as hundreds of its steps.
     """
-    found = _known(scene)
+    # No law_in of another thread, whose models have no userdata, takes such a model for its own.
+    found = _known(scene, USERDATA_SIZE)
     spare = _spare.pop("last", found)
     if spare.tree is not found.tree or spare.data is None:
         spare = within(replace(found, model=copy.copy(found.model)))
@@ -101,7 +102,7 @@ def _set(ready: Prepared, scene: Scene, timestep: float, integrator: str) -> Pre
     return ready
 
 
-def _known(scene: Scene, userdata: int = 0) -> Prepared:
+def _known(scene: Scene, userdata: int) -> Prepared:
     refuse_other_callbacks()
     found: Prepared = _remembered.get(scene, userdata, lambda: _of_layout(scene, userdata))
     return found
@@ -111,7 +112,7 @@ def _of_layout(scene: Scene, userdata: int) -> Prepared:
     layout = (userdata, _layout(scene))
     found = _layouts.pop(layout, None) or _compile(scene, userdata)
     while len(_layouts) >= MOST:
-        _layouts.pop(next(iter(_layouts)), None)
+        _layouts.pop(next(iter(list(_layouts))), None)  # a copy: other threads may change it meanwhile
     _layouts[layout] = found
     return found
 

@@ -78,6 +78,7 @@ RUN = fields_of(
     constraint_count="size",
     answer_room="state",  # address of scratch, which begins with the constraints' forces
 )
+USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the number of the simulation
 RunView = changing_view("Run", RUN)
 _ARRAYS = [name for name, field in RUN if not isinstance(field, str)]
 OF_DATA = tuple(_ARRAYS[_ARRAYS.index("site_xpos") : _ARRAYS.index("force_range")])  # fields that are arrays of MjData
