@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import parse
 
 import tensegrity_mj.exchange as exchange
 import tensegrity_mj.library as library
@@ -42,12 +44,14 @@ def execute(options: argparse.Namespace) -> Outcome:
         _, notes = exchange.save_mat(scene, out)
     elif suffix == ".stl":
         exchange.save_stl(scene, out, 1.0 if options.scale is None else options.scale)
-    elif getattr(options, "for") is None:
-        from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
-
-        save_mjcf(scene, out)
     else:
-        files, notes = exchange.save_menagerie(scene, out, warp=getattr(options, "for") == "warp")
+        files, notes = exchange.save_mjcf_for(scene, out, getattr(options, "for"))
     data = {"status": "ok", "scene": scene.name, "out": out}
-    more = {"files": files, "notes": notes} if notes or len(files) > 1 else {}
-    return Outcome(data | more, "\n".join(map(str, files)), notes=[f"note: {note}" for note in notes])
+    more: dict[str, Any] = {"files": files, "notes": notes} if notes or len(files) > 1 else {}
+    said = [f"note: {note}" for note in notes]
+    if suffix == ".xml":
+        from tensegrity_mj.engines.mujoco.mjcf_versions import oldest
+
+        more["oldest_mujoco"] = oldest(parse(files[0]).getroot())
+        said.append(f"loads in MuJoCo {more['oldest_mujoco']} and newer")
+    return Outcome(data | more, "\n".join(map(str, files)), notes=said)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.exchange.importing import import_scene as import_scene
     from tensegrity_mj.exchange.matlab_export import save_mat as save_mat
     from tensegrity_mj.exchange.menagerie import save_menagerie as save_menagerie
+    from tensegrity_mj.exchange.menagerie import save_mjcf_for as save_mjcf_for
     from tensegrity_mj.exchange.options import ImportOptions as ImportOptions
     from tensegrity_mj.exchange.pack import save_pack as save_pack
     from tensegrity_mj.exchange.solids import save_stl as save_stl

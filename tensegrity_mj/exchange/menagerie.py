@@ -1,8 +1,9 @@
-"""MJCF after the conventions of MuJoCo Menagerie: a model with default classes, and a scene that includes it.
+"""MJCF for readers other than the MuJoCo that is installed.
 
-The physics is that of `mjcf.scene_to_mjcf`, element by element; what differs is how it is written. The model has rods,
-nodes and strings in classes, names without spaces, a keyframe "home", ranges of controls and sensors of strings; the
-scene has the floor, light, sky and a camera. For MuJoCo Warp, flags that it refuses are left out.
+After the conventions of MuJoCo Menagerie it is a model with default classes, and a scene that includes it. The physics
+is that of `mjcf.scene_to_mjcf`, element by element; what differs is how it is written. The model has rods, nodes and
+strings in classes, names without spaces, a keyframe "home", ranges of controls and sensors of strings; the scene has
+the floor, light, sky and a camera. For MuJoCo Warp, what it refuses is left out.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from tensegrity_mj.basics.files import checked, table_beside, write_text
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
-from tensegrity_mj.exchange.mjcf_text import remarks
+from tensegrity_mj.engines.mujoco.mjcf_versions import fit
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.exchange.mjcf_text import parsed, remarks
 from tensegrity_mj.model.scene import Scene
 
 CONVENTIONS = table_beside(__file__)
-WARP_REFUSES: list[str] = CONVENTIONS["warp_refuses"]
 
 
 def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = False) -> tuple[list[Path], list[str]]:
@@ -35,21 +37,19 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
     as much again as it has.
 
     Raises:
-        OptionError: for another suffix, or a place where no file can be written.
+        OptionError: for another suffix, a place where no file can be written, or another scene.xml there.
         FormatError: if a file cannot be written.
     """
     model = checked(path, (".xml",), "MJCF")
     around = checked(
         model.with_name("scene.xml" if model.stem != "scene" else "scene_with_floor.xml"), (".xml",), "MJCF"
     )
-    root = ET.fromstring(scene_to_mjcf(scene), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    _refuse_to_replace(around, model.name)
+    root = parsed(scene_to_mjcf(scene))
     notes = remarks(root)
-    _rename(root)
     if warp:
-        for flag in root.iter("flag"):
-            for name in [name for name in flag.attrib if name in WARP_REFUSES]:
-                notes.append(f"the flag {name} is left out, which MuJoCo Warp refuses")
-                del flag.attrib[name]
+        notes += fit(root, "warp")
+    _rename(root)
     _use_classes(root)
     _add_controls(root, scene)
     _add_home(root)
@@ -58,6 +58,37 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
         ET.indent(element)
         write_text(place, ET.tostring(element, encoding="unicode") + "\n")
     return [model, around], notes
+
+
+def save_mjcf_for(
+    scene: Scene, path: str | os.PathLike[str], reader: str | None = None
+) -> tuple[list[Path], list[str]]:
+    """Write MJCF for a reader; returns the paths of the files, and what they do not hold, a sentence each.
+
+    Args:
+        reader: None for the MuJoCo that is installed; the version of an older one, such as "3.2"; "drake", also for
+            other parsers of MJCF; "menagerie" or "warp", as `save_menagerie`.
+
+    Raises:
+        OptionError: for another suffix, a place where no file can be written, a reader that there is none of, or a
+            scene that cannot be written for it.
+        FormatError: if a file cannot be written.
+    """
+    if reader in ("menagerie", "warp"):
+        return save_menagerie(scene, path, warp=reader == "warp")
+    destination = checked(path, (".xml",), "MJCF")
+    root = parsed(scene_to_mjcf(scene))
+    notes = remarks(root) + ([] if reader is None else fit(root, reader))
+    ET.indent(root)
+    return [write_text(destination, ET.tostring(root, encoding="unicode") + "\n")], notes
+
+
+def _refuse_to_replace(place: Path, model: str) -> None:
+    """Refuse where a file that nobody named would be replaced, unless it is the scene of the same model."""
+    if place.exists() and f'<include file="{model}"' not in place.read_text(encoding="utf-8", errors="replace"):
+        raise OptionError(
+            f"{place} is there already, and is no scene of {model}: write into another folder, or move it"
+        )
 
 
 def _rename(root: ET.Element) -> None:

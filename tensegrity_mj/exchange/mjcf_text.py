@@ -25,7 +25,7 @@ def compiled(path: Path) -> tuple[mujoco.MjModel, list[str]]:
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise FormatError(f"{path}: a document type or an entity, which MJCF has none of")
     try:
-        root = ET.fromstring(content, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+        root = parsed(content)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{path}: not valid XML: {error}") from None
     if root.tag != "mujoco":
@@ -52,6 +52,11 @@ def compiled(path: Path) -> tuple[mujoco.MjModel, list[str]]:
         return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode")), notes
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FormatError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from None
+
+
+def parsed(text: str | bytes) -> ET.Element:
+    """The first element of a file, with the comments in it."""
+    return ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
 
 
 def remarks(root: ET.Element) -> list[str]:

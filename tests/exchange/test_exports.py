@@ -17,7 +17,6 @@ import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.exchange import import_scene, save_mat, save_menagerie, save_stl
-from tensegrity_mj.exchange.menagerie import WARP_REFUSES
 from tensegrity_mj.exchange.solids import AROUND, shape
 from tensegrity_mj.model.text.sources import scene_names
 
@@ -67,8 +66,9 @@ def test_a_menagerie_model_moves_to_the_last_bit_as_the_plain_one(name: str, tmp
 def test_what_warp_refuses_is_left_out_and_said(name: str, tmp_path: Path) -> None:
     files, notes = save_menagerie(tmj.load_scene(name), tmp_path / "model.xml", warp=True)
     flags = {key for flag in ET.parse(files[0]).getroot().iter("flag") for key in flag.attrib}
-    assert not flags & set(WARP_REFUSES)
-    assert "the flag autoreset is left out, which MuJoCo Warp refuses" in notes
+    # put_model of mujoco-warp 4.0.0 refuses a model with the first of these flags, and knows none of the others.
+    assert not flags & {"autoreset", "diagexact", "midphase", "nativeccd", "island"}
+    assert any(note.startswith("the flag autoreset is left out, which MuJoCo Warp does not know: ") for note in notes)
     model = mujoco.MjModel.from_xml_path(str(files[1]))
     bits = mujoco.mjtDisableBit
     assert not model.opt.disableflags & (bits.mjDSBL_AUTORESET | bits.mjDSBL_MIDPHASE)
@@ -86,8 +86,10 @@ def test_the_guide_to_mjx_runs_as_printed(tmp_path: Path, monkeypatch: pytest.Mo
     model, data = names["model"], names["data"]
     for _ in range(300):
         mujoco.mj_step(model, data)
-    # Single precision: each of 300 steps rounds coordinates of 1 m at most to 6e-8, which velocities carry along.
-    np.testing.assert_allclose(names["state"].qpos, data.qpos, atol=300 * 6e-8)
+    assert data.ncon > 0  # on the floor
+    # Single precision: each of 300 steps rounds coordinates of 1 m at most and velocities of 4 m/s at most to 6e-8 of
+    # themselves, which moves all by as much for the 0.3 s that are left.
+    np.testing.assert_allclose(names["state"].qpos, data.qpos, atol=300 * 6e-8 * (1 + 4 * 0.3))
 
 
 def test_names_without_spaces_stay_different(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.exchange import import_scene, save_pack
 from tensegrity_mj.model.text.sources import pack_names
 from tensegrity_mj.model.text.writing import scene_to_toml
@@ -54,12 +55,24 @@ def test_the_pack_is_small_and_says_what_the_tables_leave_out(
     assert len(found["files"]) == 1 + 5 * len(pack_names())
     for path in map(Path, found["files"]):
         assert path.read_bytes() == (pack / path.relative_to(tmp_path / "new" / "pack")).read_bytes()
+    assert main(["export", "pack", "--out", str(tmp_path / "new" / "pack")]) == 0  # its own it writes anew
+    capsys.readouterr()
     assert sum(path.stat().st_size for path in pack.rglob("*.csv")) < 400_000
     readme = (pack / "README.md").read_text(encoding="utf-8")
     absent = {row.split(" | ")[0][2:]: row.split(" | ")[3] for row in readme.splitlines() if row.startswith("| ")}
     assert {absent.pop(name) for name in ("free", "pinned", "class_k", "slack", "damped")} == {"-"}
     for name, words in (("closed_loop", ("target", "control")), ("contact", ("contact",)), ("water", ("water",))):
         assert absent[name] == "; ".join(f"the scene's {word} is left out" for word in words)
+
+
+def test_the_files_of_others_are_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("mine")
+    with pytest.raises(
+        OptionError, match="holds other files, which the pack's might replace: name a folder that is new"
+    ):
+        save_pack(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+    assert (tmp_path / "README.md").read_text() == "mine"
 
 
 def test_options_of_single_scenes_mean_nothing_for_the_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,6 +32,7 @@ from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
+from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.elements.resistance import nodal_damping
@@ -115,6 +116,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     if np.any(scene.velocities0):
         keyframe = ET.SubElement(root, "keyframe")
         ET.SubElement(keyframe, "key", name="start", qvel=numbers(initial_velocities(scene)))
+    state_oldest(root)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -149,15 +151,18 @@ def _floor(root: ET.Element, world: ET.Element, scene: Scene) -> None:
 def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
     """Only flags that change what is computed: a reset behind one's back must never happen."""
     constrained = scene.contact is not None or bool(tree.forest.closures)
+    # Newton 1.8 reads this flag of a file alone, and lets what has none fall at its own 9.81 m/s².
+    without: dict[str, Any] = {} if np.any(scene.gravity) else {"gravity": "disable"}
     if not constrained:
-        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable", **without)
         return
     moved = [joint.moved for joint in tree.joints] + [axes for _, axes in tree.moved_nodes]
     driven = sum(axes.shape[1] for axes in moved)
     # The solver measures what is left to do by the mean of all inertia, of which drives are all that it would see.
     option.set("tolerance", numbers([SOLVER_TOLERANCE / (DRIVE * driven) if driven else SOLVER_TOLERANCE]))
-    without: dict[str, Any] = {"contact": "disable"} if scene.contact is None else {}
-    if scene.contact is not None:
+    if scene.contact is None:
+        without["contact"] = "disable"
+    else:
         option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
         option.set("impratio", numbers([FRICTION_IMPEDANCE]))
     # With the exact mass that each constraint feels, the law of a contact is the one that docs/contact.md states.
