@@ -18,6 +18,7 @@ class Mark(enum.Enum):
 
     BAD = "bad"
     LIMITED = "limited"
+    UNJUDGED = "not judged"
     GOOD = "good"
 
 
@@ -69,7 +70,8 @@ class Judgement:
         """The opening of a page: the worst findings first, in their order, those beyond seven folded away."""
         ranked = sorted(self.sentences(), key=lambda one: list(Mark).index(one[0]))
         shown = [
-            f'<div class="finding"><div class="mark {mark.value}">{mark.value}</div><div>{escape(text)}</div></div>'
+            f'<div class="finding"><div class="mark {mark.value.replace(" ", "-")}">{mark.value}</div>'
+            f"<div>{escape(text)}</div></div>"
             for mark, text in ranked
         ]
         parts = [f'<p class="verdict">{escape(self.verdict)}</p>', *shown[:MOST]]

@@ -40,7 +40,7 @@ def answered(words: str, folder: Path) -> Outcome:
 def shown(page: str) -> tuple[str, list[tuple[str, str]]]:
     """The verdict at the opening of a page, and its findings with their marks."""
     (verdict,) = re.findall(r'<p class="verdict">(.*?)</p>', page, re.DOTALL)
-    pairs = re.findall(r'<div class="mark (\w+)">\1</div><div>(.*?)</div>', page, re.DOTALL)
+    pairs = re.findall(r'<div class="mark [\w-]+">([\w ]+)</div><div>(.*?)</div>', page, re.DOTALL)
     return html.unescape(verdict), [(mark, html.unescape(text)) for mark, text in pairs]
 
 

@@ -11,6 +11,7 @@ from tensegrity_mj.pictures.findings import MOST, Finding, Judgement, Mark, mark
 from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.statics.study import Analysis
 from tensegrity_mj.studies.validation import page as validation_page
+from tensegrity_mj.studies.validation import sentences
 
 
 @pytest.mark.parametrize(("good", "total", "mark"), [(3, 3, "good"), (1, 3, "limited"), (0, 3, "bad")])
@@ -48,32 +49,37 @@ def test_the_page_of_statics_says_whether_it_stands_and_shows_pictures_before_ta
     assert 1 <= text.count('class="finding"') <= MOST
 
 
-def validation(outcome: str, rows: list[str]) -> dict:
-    error = {"final": 0.0045}
+def validation(outcome: str, word: str, value: float, words: dict[str, str]) -> dict:
+    error = {"initial": 1.0, "final": value}
+    judged = {"word": word, "quantity": "it is", "value": value, "bound": 0.05, "unit": "m", "reason": ""}
+    nominal = {"outcome": outcome, "error": error, "end_time": 2.0, "judgement": judged}
     return {
         "scene": {"name": "prism"},
-        "nominal": {"engines": {"mujoco": {"outcome": outcome, "error": error, "end_time": 2.0}}},
-        "mass": {"mujoco": {"rows": [{"outcome": one} for one in rows]}},
-        "sampling": {"mujoco": {"rows": [{"outcome": outcome}]}},
+        "law": {"description": None, "from": "lyapunov"},
+        "nominal": {"engines": {"mujoco": nominal}},
+        **{section: {"mujoco": {"word": one}} for section, one in words.items()},
         "summary": ["It runs.", "Masses.", "More.", "Sampling."],
         "summary_sections": ["nominal", "mass", "mass", "sampling"],
     }
 
 
 def test_a_validation_is_judged_by_its_sections():
-    data = validation("converged", ["converged", "diverged"])
-    assert validation_page._verdict(data, "lyapunov") == (
+    data = validation("converged", "good", 0.0045, {"sampling": "good", "mass": "limited"})
+    assert sentences.verdict(data) == (
         "lyapunov brings prism in MuJoCo to its target, to 4.5 mm; of 2 tests it is good in 1, limited in 1."
     )
-    found = validation_page._findings(data)
+    found = validation_page.judgement_of(data).findings
     assert [one.mark for one in found] == [Mark.GOOD, Mark.LIMITED, Mark.GOOD]
     assert found[1].text == "Masses. More."
 
 
 def test_a_run_that_needs_more_time_is_no_failure():
-    data = validation("still moving", ["still moving"])
-    assert validation_page._verdict(data, "lyapunov") == (
-        "lyapunov on prism in MuJoCo is still moving after 2 s, 4.5 mm from its target."
-    )
-    assert [one.mark for one in validation_page._findings(data)] == [Mark.LIMITED, Mark.BAD, Mark.GOOD]
-    assert "does not do" in validation_page._verdict(validation("diverged", ["diverged"]), "lyapunov")
+    data = validation("still moving", "limited", 0.2, {"sampling": "good", "mass": "not judged"})
+    assert sentences.verdict(data) == ("lyapunov on prism in MuJoCo is still moving after 2 s, 0.2 m from its target.")
+    assert [one.mark for one in validation_page.judgement_of(data).findings] == [Mark.LIMITED, Mark.UNJUDGED, Mark.GOOD]
+    assert "does not do" in sentences.verdict(validation("off target", "bad", 0.2, {}))
+
+
+def test_what_is_not_judged_has_a_mark_of_its_own():
+    (_, shown) = Judgement("It is.", [Finding(Mark.UNJUDGED, "No target.")]).html()
+    assert '<div class="mark not-judged">not judged</div>' in shown

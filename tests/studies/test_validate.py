@@ -117,7 +117,8 @@ def test_a_law_that_jumps_is_compared_with_its_finest_period(pinned_rod: Any) ->
     report = small(pinned_rod, law, sections=["sampling"])
     part = report.data["sampling"]["mujoco"]
     assert part["reference"] == "the finest period of the mode"
-    assert [one["node_error"] == 0 for one in part["rows"]] == [False, True, False, True]
+    # A run is not compared with itself.
+    assert [one["node_error"] is None for one in part["rows"]] == [False, True, False, True]
     assert report.data["law"]["discontinuous"]
     assert report.data["law"]["description"]["norm"] == "inf"
 
@@ -227,17 +228,20 @@ def test_starts_of_other_structures_grow_apart() -> None:
 
 
 def test_fractions_and_differences_are_counted() -> None:
-    outcomes = (("converged", 1e-9), ("infeasible", 1e-9), ("converged", 0.02), ("diverged", None))
+    outcomes = (("converged", 1e-9), ("infeasible", 1e-9), ("converged", 0.02), ("diverged", None), ("refused", None))
     made = [{"amplitude": 0.1, "outcome": one, "decay_error": error} for one, error in outcomes]
     assert findings._fractions(made) == [
         {
             "amplitude": 0.1,
-            "starts": 4,
+            "starts": 5,
+            "judged": 4,  # a start that was refused shows nothing of the law
             "converged": 0.5,
             "kept": 0.25,  # the second of those that converge left its promise
-            "outcomes": {"converged": 2, "infeasible": 1, "diverged": 1},
+            "outcomes": {"converged": 2, "infeasible": 1, "diverged": 1, "refused": 1},
         }
     ]
+    (refused,) = findings._fractions([made[-1]])
+    assert refused["converged"] is None
     starts = {
         "mujoco": {"rows": [{"label": "a", "outcome": "converged"}, {"label": "b", "outcome": "converged"}]},
         "dae": {"rows": [{"label": "a", "outcome": "converged"}, {"label": "b", "outcome": "mirrored"}]},
@@ -315,11 +319,12 @@ def test_a_run_that_does_not_converge_does_not_set_what_converging_is(pinned_rod
     assert report.data["nominal"]["engines"]["mujoco"]["outcome"] == "still moving"
     assert [one["outcome"] for one in rows(report, "delay")] == ["still moving"]
     assert not any("olerate a delay" in sentence for sentence in report.summary)
-    (unjudged,) = [sentence for sentence in report.summary if "cannot be judged" in sentence]
+    (unjudged,) = [sentence for sentence in report.summary if "not judged" in sentence]
     assert unjudged == (
-        "What the law tolerates of delay cannot be judged where it does not converge without: see the tables, and test "
-        "it where it does, or with more time (--duration)."
+        "Delay: not judged, because the law does not do what it should even without (still moving); give it more time "
+        "(--duration). The table has the runs."
     )
+    assert [one.mark.value for one in report.judgement.findings] == ["limited", "good", "not judged"]
     assert any(sentence.startswith("Hold force density at 5 ms costs") for sentence in report.summary)
 
 
@@ -517,7 +522,8 @@ def test_the_command_writes_the_report(tmp_path: Path, capsys: pytest.CaptureFix
     assert set(answer) >= {"summary", "nominal", "delay"}
     assert main(arguments) == 0
     out = capsys.readouterr().out
-    assert "What the law tolerates of delay cannot be judged" in out  # 1 s of the 60 s that it takes to converge
+    assert "Delay: not judged" in out  # 1 s of the 60 s that it takes to converge
+    assert out.startswith(answer["verdict"])
     assert str(tmp_path / study.PAGE) in out
     assert main(["validate", "pinned_rod", "--seed", "-1"]) == 2
     assert main(["validate", "tbar"]) == 2

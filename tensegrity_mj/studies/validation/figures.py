@@ -27,6 +27,10 @@ OUTCOME_COLORS: dict[str, Any] = {
     "diverged": palette.TEXT,
     "failed": GREY,
     "completed": palette.SLACK,
+    "at rest": palette.TARGET,
+    "elsewhere": palette.CYCLE[4],
+    "grows": palette.WARNING,
+    "refused": GREY,
 }
 GAIN_NAMES = {"decay_rate": "δ"}
 

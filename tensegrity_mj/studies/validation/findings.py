@@ -17,15 +17,23 @@ from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.plain import value_at
+from tensegrity_mj.studies.validation.judging import (
+    CONVERGED,
+    OUTCOMES,
+    REACHED,
+    STOPPED,
+    UNKNOWN,
+    Data,
+    judged,
+    judgement,
+    sampled,
+    word_of,
+)
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
-from tensegrity_mj.studies.validation.sentences import GOOD, STOPPED, Data, summary
+from tensegrity_mj.studies.validation.sentences import summary, title
 
-CONVERGED = 0.05  # part of the way to the target that may be left
-MIRRORED = -0.98  # cos of the angle between a rod and its target
 SAME = 1e-9  # part of the structure's size: nodes that are not farther apart are at the same place
-STANDING = 0.05  # part of the way to the target that the fastest node would go in another duration
 TREND = 0.01  # part by which a quantity must change to have a trend
-OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
 TABLE = table_beside(__file__)
 STATEMENTS = TABLE["statements"]  # of §5.6
@@ -43,15 +51,16 @@ def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> D
         found[section] = {}
         for engine in setup.engines:
             own = [(case, outcome) for case, outcome in chosen if case.point["engine"] == engine]
-            rows = [row(setup, case, outcome, tolerance) for case, outcome in own]
+            beside = found["nominal"]["engines"][engine]
+            rows = [row(setup, case, outcome, tolerance, beside) for case, outcome in own]
             part: Data = {"rows": rows}
             if section == "sampling":
-                part |= _sampling(rows, [outcome for _, outcome in own])
+                part |= _sampling(rows, [outcome for _, outcome in own], tolerance)
             elif section == "gains":
                 part["trends"] = trends(rows)
             elif section == "starts":
                 part["fractions"] = _fractions(rows)
-            found[section][engine] = part
+            found[section][engine] = part | {"word": word_of(section, part, beside)}
     if "starts" in found and len(setup.engines) > 1:
         found["starts_that_differ"] = _differing(found["starts"])
     sentences = summary(setup, found)
@@ -60,19 +69,21 @@ def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> D
     return found
 
 
-def row(setup: Setup, case: Case, outcome: Mapping[str, Any], tolerance: float) -> Data:
-    """One run in a table: what it was, how it ended, and its main numbers."""
-    base: Data = {"label": case.label, **case.facts}
-    if outcome["status"] != DONE:
-        reason = f"{outcome['error']}: {outcome['reason']}"
-        return base | {"outcome": "failed", "end_time": None, "message": reason, **_numbers({})}
-    values = outcome["values"]
-    base |= {
-        "outcome": judged(values, tolerance, setup.duration),
-        "end_time": values["end_time"],
-        "message": values["message"],
-    }
-    return base | _numbers(values)
+def row(
+    setup: Setup, case: Case, outcome: Mapping[str, Any], tolerance: float, nominal: Mapping[str, Any] | None = None
+) -> Data:
+    """One run in a table: what it was, how it ended, what it is judged by, and its main numbers."""
+    values = _values(outcome)
+    base: Data = {"label": case.label, **case.facts, "outcome": judged(values, tolerance, setup.duration, nominal)}
+    base |= {"judgement": judgement(values, base["outcome"], tolerance, nominal).to_dict()}
+    return base | {"end_time": values["end_time"], "message": values["message"], **_numbers(values)}
+
+
+def _values(outcome: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The measures of a run; of one that failed, why."""
+    if outcome["status"] == DONE:
+        return dict(outcome["values"])
+    return {"status": "failed", "message": f"{outcome['error']}: {outcome['reason']}", "end_time": None}
 
 
 def _numbers(values: Mapping[str, Any]) -> Data:
@@ -80,26 +91,6 @@ def _numbers(values: Mapping[str, Any]) -> Data:
     found = {name: value_at(values, keys) for name, keys in TABLE["numbers"].items()}
     promised = value_at(values, ("lyapunov", "promised_rate"))
     return found | ({"decay_error": None} if promised is None else {})
-
-
-def judged(values: Mapping[str, Any], tolerance: float, duration: float) -> str:
-    """How a run came out, one of `OUTCOMES`.
-
-    Args:
-        values: of `measures.of_run`, or of a run that diverged.
-        tolerance: distance from the target that counts as there [m].
-        duration: of the run [s].
-    """
-    if values["status"] != "completed":
-        return str(values["status"])
-    if values["error"] is None:
-        return "completed"
-    if values["error"]["final"] <= tolerance:
-        return "converged"
-    standing = values["arrival"]["speed"] * duration <= STANDING / CONVERGED * tolerance
-    if standing and min(values["arrival"]["alignment"], default=1.0) < MIRRORED:
-        return "mirrored"
-    return "off target" if standing else "still moving"
 
 
 def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
@@ -126,22 +117,34 @@ def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: 
     found: Data = {}
     kept = {}
     for engine, outcome in nominal.items():
-        if outcome["status"] != DONE:
-            found[engine] = {"outcome": "failed", "message": f"{outcome['error']}: {outcome['reason']}"}
-            continue
-        values = dict(outcome["values"])
+        values = dict(_values(outcome))
         kept[engine] = values.pop("kept", None)
         series = {key: item for key, item in (kept[engine] or {}).items() if key != "nodes"}
-        found[engine] = {"outcome": judged(values, tolerance, setup.duration), **values, "series": series}
+        ended = judged(values, tolerance, setup.duration)
+        found[engine] = {"outcome": ended, **values} | ({} if ended == "failed" else {"series": series})
     engines = [engine for engine in found if kept.get(engine)]
-    return {
-        "engines": found,
-        "differences": [
-            {"engines": [a, b], "node_error": node_error(kept[a], kept[b])}
-            for number, a in enumerate(engines)
-            for b in engines[number + 1 :]
-        ],
-    }
+    differences = [
+        {"engines": [a, b], "node_error": node_error(kept[a], kept[b])}
+        for number, a in enumerate(engines)
+        for b in engines[number + 1 :]
+    ]
+    for engine, one in found.items():
+        others = _disagreements(engine, found, differences, tolerance)
+        one["judgement"] = judgement(one, one["outcome"], tolerance, None, others).to_dict()
+    return {"engines": found, "differences": differences}
+
+
+def _disagreements(engine: str, found: Data, differences: Sequence[Data], tolerance: float) -> list[str]:
+    """Other engines in which the nominal run ends in another way, or farther away than what counts as there."""
+    own = found[engine]["outcome"]
+    others = [
+        f"{title(name)}: {one['outcome']}" for name, one in found.items() if one["outcome"] not in (own, *UNKNOWN)
+    ]
+    for one in differences:
+        if engine in one["engines"] and not (one["node_error"] or 0.0) <= tolerance:
+            other = next(name for name in one["engines"] if name != engine)
+            others.append(f"{title(other)} is {one['node_error']:.2g} m away, more than {tolerance:.2g} m")
+    return others
 
 
 def node_error(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None) -> float | None:
@@ -155,16 +158,22 @@ def node_error(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None
     return float(np.max(np.linalg.norm(a - b, axis=-1), initial=0.0))
 
 
-def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]]) -> Data:
-    """Node errors against the continuous run, or, without one, against the finest period of the same mode."""
+def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance: float) -> Data:
+    """Node errors against the continuous run, or, without one, against the finest period of the same mode.
+
+    The run that the others are held against has none.
+    """
     kept = [outcome.get("values", {}).get("kept") for outcome in outcomes]
-    continuous = next((kept[i] for i, one in enumerate(rows) if one["mode"] == Mode.CONTINUOUS.value), None)
+    continuous = next((i for i, one in enumerate(rows) if one["mode"] == Mode.CONTINUOUS.value), None)
     for number, one in enumerate(rows):
-        reference = continuous
-        if reference is None:
+        at = continuous
+        if at is None:
             alike = [i for i, other in enumerate(rows) if other["mode"] == one["mode"] and kept[i]]
-            reference = kept[min(alike, key=lambda i: rows[i]["period"])] if alike else None
-        one["node_error"] = node_error(kept[number], reference)
+            at = min(alike, key=lambda i: rows[i]["period"], default=None)
+        one["reference"] = at == number
+        one["node_error"] = None if at is None or at == number else node_error(kept[number], kept[at])
+    for one in rows:
+        one["judgement"] = sampled(one, tolerance).to_dict()
     return {"reference": "continuous" if continuous is not None else "the finest period of the mode"}
 
 
@@ -172,7 +181,7 @@ def trends(rows: Sequence[Data]) -> list[Data]:
     """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
     for gain, quantity, sign, words in STATEMENTS:
-        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in (*STOPPED, "failed")]
+        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in (*STOPPED, "failed", "grows")]
         own.sort(key=lambda one: one["factor"])
         values, factors = ([one[key] for one in own] for key in (quantity, "factor"))
         if len(values) > 1:
@@ -216,8 +225,10 @@ def _fractions(rows: Sequence[Data]) -> list[Data]:
         own = [one for one in rows if one[key] == group]
         counts = Counter(one["outcome"] for one in own)
         outcomes = {name: counts[name] for name in OUTCOMES if counts[name]}
-        part = sum(counts[name] for name in GOOD) / len(own)
-        found.append({key: group, "starts": len(own), "converged": part, "kept": _kept(own), "outcomes": outcomes})
+        known = [one for one in own if one["outcome"] not in UNKNOWN]
+        part = sum(counts[name] for name in REACHED) / len(known) if known else None
+        fraction = {key: group, "starts": len(own), "judged": len(known), "converged": part}
+        found.append(fraction | {"kept": _kept(known), "outcomes": outcomes})
     return found
 
 
@@ -228,7 +239,7 @@ def _kept(rows: Sequence[Data]) -> float | None:
     """
     if all(one["decay_error"] is None for one in rows):
         return None
-    return sum(one["outcome"] in GOOD and not left_promise(one) for one in rows) / len(rows)
+    return sum(one["outcome"] in REACHED and not left_promise(one) for one in rows) / len(rows)
 
 
 def left_promise(one: Data) -> bool:

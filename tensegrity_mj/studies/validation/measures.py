@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.model import rods
+from tensegrity_mj.runs.judgement import doubts, growth, rest
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.winches import winch_increments
 
@@ -24,13 +25,16 @@ FITTED_V = 1e-12  # part of V(0), the same
 SETTLED = (0.1, 0.02)  # parts of the largest error: settling times
 
 
-def of_run(run: Trajectory, promised_rate: float | None = None, floor: ArrayLike = 0.0) -> Values:
+def of_run(
+    run: Trajectory, promised_rate: float | None = None, floor: ArrayLike = 0.0, known_plant: bool = True
+) -> Values:
     """All measures of a run.
 
     Args:
         run: completed, or stopped for lack of a solution; with one sample at least.
         promised_rate: δ [1/s] of the law's V̇ = -δ V, or None.
         floor: ū [N/m] of the law, a number or (M,): a string at its floor does not count as pulling.
+        known_plant: whether the law is to know the plant, so that what it does not know is a reason to doubt.
     """
     return {
         "status": run.status.value,
@@ -49,6 +53,11 @@ def of_run(run: Trajectory, promised_rate: float | None = None, floor: ArrayLike
         "winch": winch(run),
         "energy_residual": run.energy_residual,
         "warnings": list(run.reports.get("warnings", [])),
+        "growth": growth(run),
+        "doubts": doubts(run, known_plant),
+        "rest": rest(run),
+        "acts": bool(np.any(np.ptp(run.rest_lengths, axis=0) > 0)) if len(run.time) else False,
+        **({"end": run.nodes[-1].tolist()} if run.scene.target is None and len(run.time) else {}),
     }
 
 

@@ -8,18 +8,16 @@ from typing import Any
 
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import shortened
-from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.validation import figures
 from tensegrity_mj.studies.validation.sections import SECTIONS
-from tensegrity_mj.studies.validation.sentences import GOOD, title
+from tensegrity_mj.studies.validation.sentences import law_name, title, verdict
 
 Data = Mapping[str, Any]
 
-MOVING = "still moving"  # an outcome
 LONG = 8  # rows of a table, beyond which it is folded
 MOST_NODES = 12  # that a cell holds
 MOST_LETTERS = 30  # of a label that stays in one line
@@ -30,7 +28,7 @@ COLUMNS, NOTES = TABLE["columns"], TABLE["notes"]
 def page_of(data: Data) -> Page:
     """The page of a report's data."""
     setup, law = data["setup"], data["law"]
-    name = _law_name(law)
+    name = law_name(law)
     scene = data["scene"]
     introduction = (
         f"Law {name} on scene {scene['name']} ({scene['source'] or 'no source given'}); {setup['runs']} runs of "
@@ -44,54 +42,15 @@ def page_of(data: Data) -> Page:
 
 
 def judgement_of(data: Data) -> Judgement:
-    """The verdict, and a finding a section."""
-    return Judgement(_verdict(data, _law_name(data["law"])), tuple(_findings(data)))
-
-
-def _law_name(law: Data) -> str:
-    return str((law["description"] or {}).get("law", law["from"]))
-
-
-def _verdict(data: Data, name: str) -> str:
-    """Whether the law does what it is meant to, and how much of what was tried it bears."""
-    engine, one = next(iter(data["nominal"]["engines"].items()))
-    where = f"{data['scene']['name']} in {title(engine)}"
-    if one["outcome"] == MOVING and one.get("error"):
-        left = quantity(one["error"]["final"], "m", 2)
-        return f"{name} on {where} is still moving after {quantity(one['end_time'], 's')}, {left} from its target."
-    if one["outcome"] not in GOOD:
-        return f"{name} does not do what it is meant to on {where}: {one['outcome']}."
-    error = one.get("error")
-    reached = f" brings {where} to its target, to {quantity(error['final'], 'm', 2)}" if error else f" runs on {where}"
-    tried = dict.fromkeys(Mark, 0)
-    for section in SECTIONS:
-        if section in data and section != "nominal":
-            tried[_mark(data, section)] += 1
-    counts = [f"{mark.value} in {count}" for mark, count in reversed(tried.items()) if count]
-    total = sum(tried.values())
-    return f"{name}{reached}; of {total} tests it is {', '.join(counts)}." if total else f"{name}{reached}."
-
-
-def _findings(data: Data) -> list[Finding]:
-    """One a section, with its sentences."""
+    """The verdict, and a finding a section, with its sentences."""
+    engine, nominal = next(iter(data["nominal"]["engines"].items()))
     texts: dict[str, list[str]] = {}
     for section, sentence in zip(data["summary_sections"], data["summary"], strict=True):
         texts.setdefault(section, []).append(sentence)
-    return [Finding(_mark(data, section), " ".join(found)) for section, found in texts.items()]
-
-
-def _mark(data: Data, section: str) -> Mark:
-    """Of what a section found in the first engine: by how many of its runs do what they should."""
-    nominal = next(iter(data["nominal"]["engines"].values()))["outcome"]
-    if section == "nominal":
-        return Mark.GOOD if nominal in GOOD else Mark.LIMITED if nominal == MOVING else Mark.BAD
-    part = next(iter(data[section].values()))
-    if section == "gains" and part["trends"]:
-        shown = [one["shows"] for one in part["trends"]]
-        return mark_of(sum(one == "yes" for one in shown), len(shown))
-    # What sampling costs is judged by the run without: no better is expected of it.
-    fine = {*GOOD, nominal} if section == "sampling" else set(GOOD)
-    return mark_of(sum(one["outcome"] in fine for one in part["rows"]), len(part["rows"]))
+    words = {section: data[section][engine]["word"] for section in texts if section != "nominal"}
+    words["nominal"] = nominal["judgement"]["word"]
+    found = [Finding(Mark(words[section]), " ".join(sentences)) for section, sentences in texts.items()]
+    return Judgement(verdict(data), found)
 
 
 def _sections(data: Data) -> Iterator[Section]:

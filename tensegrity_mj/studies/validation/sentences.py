@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.studies.validation.sections import Setup
-
-Data = dict[str, Any]
-
-STOPPED = ("infeasible", "singular", "diverged")
-TOLERATED = ("mass", "stiffness", "noise", "delay", "breaks", "gravity")
-GOOD = ("converged", "completed")  # the latter where there is no target
+from tensegrity_mj.runs.judgement import BAD, GOOD, LIMITED, UNJUDGED, Verdict, in_short
+from tensegrity_mj.studies.validation.judging import REACHED, STOPPED, TOLERATED, UNKNOWN, Data, reached
+from tensegrity_mj.studies.validation.sections import SECTIONS, Setup
 
 
 def title(engine: str) -> str:
@@ -40,15 +37,19 @@ def summary(setup: Setup, found: Data) -> list[tuple[str, str]]:
         "gravity": _gravity_sentences,
         "starts": _start_sentences,
     }
-    # What is off can only be blamed where the run converges without it.
-    outcome = found["nominal"]["engines"][engine]["outcome"]
-    unjudged = [] if outcome in GOOD else [section for section in TOLERATED if section in found]
-    sentences.append(("nominal", _unjudged_sentence(unjudged, outcome)))
+    # What is off can only be blamed where the run does what it should without it.
+    one = found["nominal"]["engines"][engine]
     for section, maker in makers.items():
-        if section in found and section not in unjudged:
-            mine = maker(setup, section, found[section][engine])
-            others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
-            sentences += [(section, sentence) for sentence in mine]
+        if section in found and found[section][engine]["word"] == UNJUDGED:
+            sentences.append((section, _unjudged_sentence(section, found[section][engine], one)))
+        elif section in found:
+            mine = maker(setup, section, _judged(section, found[section][engine]))
+            others = [
+                name
+                for name in setup.engines[1:]
+                if maker(setup, section, _judged(section, found[section][name])) != mine
+            ]
+            sentences += [(section, sentence) for sentence in (*mine, *_doubts(found[section][engine]))]
             if others and section not in ("sampling", "starts"):
                 listed = " and ".join(title(name) for name in others)
                 text = f"{section.capitalize()} in {listed}: not quite the same, see the tables."
@@ -73,24 +74,79 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
     if error is not None:
         text += f", {error['final']:.2g} m from the target"
     if V is not None and V["promised_rate"] is not None:
-        text += f"; V falls at {V['fitted_rate']:.6g} /s, promised {V['promised_rate']:g} /s"
+        fitted = "at no rate that can be fitted" if V["fitted_rate"] is None else f"at {V['fitted_rate']:.6g} /s"
+        text += f"; V falls {fitted}, promised {V['promised_rate']:g} /s"
         if V["decay_error"] is not None:
             text += f" (largest error {V['decay_error']:.1g})"
     for one in found["nominal"]["differences"]:
         if engine in one["engines"] and one["node_error"] is not None:
             other = next(name for name in one["engines"] if name != engine)
             text += f"; {title(other)} differs by {one['node_error']:.1e} m"
-    return text + "."
+    text_of = Verdict(**values["judgement"]).text
+    return f"{text}. {text_of[:1].upper()}{text_of[1:]}."
 
 
-def _unjudged_sentence(unjudged: Sequence[str], outcome: str) -> str:
-    if not unjudged:
-        return ""
-    more = ", or with more time (--duration)" if outcome == "still moving" else ""
-    return (
-        f"What the law tolerates of {' and '.join(unjudged)} cannot be judged where it does not converge without: see "
-        f"the tables, and test it where it does{more}."
-    )
+def _unjudged_sentence(section: str, part: Data, nominal: Data) -> str:
+    """Why nothing is said of a section."""
+    head = f"{SECTIONS[section][:1].upper()}{SECTIONS[section][1:]}: not judged"
+    if section in TOLERATED and not reached(nominal):
+        more = "; give it more time (--duration)" if nominal["outcome"] == "still moving" else ""
+        why = f"the law does not do what it should even without ({nominal['outcome']}){more}"
+        why = "the nominal run is not" if nominal["judgement"]["word"] == UNJUDGED else why
+        return f"{head}, because {why}. The table has the runs."
+    if nominal["outcome"] in (*STOPPED, "failed", "grows"):
+        return f"{head}, because the nominal run is no measure ({nominal['outcome']}). The table has the runs."
+    reasons = dict.fromkeys(one["judgement"]["reason"] for one in part["rows"] if one["judgement"]["reason"])
+    return f"{head}, because {in_short(list(reasons)) or 'there is no run of it'}."
+
+
+def _judged(section: str, part: Data) -> Data:
+    """The part without runs that are not judged; sections that count them have all."""
+    if section in ("sampling", "gains", "starts"):
+        return part
+    return part | {"rows": [one for one in part["rows"] if one["outcome"] not in UNKNOWN]}
+
+
+def _doubts(part: Data) -> list[str]:
+    """Which runs do what they should and are doubtful all the same, and which are not judged."""
+    doubtful = [one for one in part["rows"] if one["judgement"]["word"] == LIMITED and one["outcome"] in REACHED]
+    unknown = [one for one in part["rows"] if one["judgement"]["word"] == UNJUDGED and not one.get("reference")]
+    found = []
+    for rows, words in ((doubtful, "do so with a doubt"), (unknown, "are not judged")):
+        if rows:
+            first = f"{rows[0]['label']}: {rows[0]['judgement']['reason']}"
+            found.append(f"{len(rows)} of {len(part['rows'])} runs {words}; the first, {first}.")
+    return found
+
+
+def law_name(law: Data) -> str:
+    """What a law is called."""
+    return str((law["description"] or {}).get("law", law["from"]))
+
+
+def verdict(data: Mapping[str, Any]) -> str:
+    """Whether the law does what it is meant to, and how much of what was tried it bears."""
+    engine, one = next(iter(data["nominal"]["engines"].items()))
+    name, where = law_name(data["law"]), f"{data['scene']['name']} in {title(engine)}"
+    found, error = Verdict(**one["judgement"]), one.get("error")
+    if one["outcome"] == "still moving" and error:
+        left = quantity(error["final"], "m", 2)
+        return f"{name} on {where} is still moving after {quantity(one['end_time'], 's')}, {left} from its target."
+    if found.word == UNJUDGED:
+        return f"{name} on {where} is not judged: {found.reason}."
+    if found.word == BAD:
+        reason = found.reason if found.value is None else f"{one['outcome']}; {found.text.removeprefix('bad: ')}"
+        return f"{name} does not do what it is meant to on {where}: {reason}."
+    if error:
+        was_there = error["initial"] <= (found.bound or 0.0)
+        text = f"{name} {f'keeps {where} at' if was_there else f'brings {where} to'} its target"
+        text += f", to {quantity(error['final'], 'm', 2)}"
+    else:
+        text = f"{name} brings {where} to rest"
+    text += f", with a doubt: {found.reason}" if found.word == LIMITED else ""
+    words = [data[section][engine]["word"] for section in SECTIONS if section in data and section != "nominal"]
+    counts = [f"{word} in {words.count(word)}" for word in (GOOD, LIMITED, BAD, UNJUDGED) if word in words]
+    return f"{text}; of {len(words)} tests it is {', '.join(counts)}." if words else f"{text}."
 
 
 def _winch_sentences(found: Data, engine: str) -> list[str]:
@@ -135,7 +191,7 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
     # What sampling costs is stated of runs that end as the law at every stage does, well or not.
     without = {one["outcome"] for one in part["rows"] if one["mode"] == Mode.CONTINUOUS.value}
-    fine = {*GOOD, *without} - {*STOPPED, "failed"}
+    fine = {*REACHED, *without} - {*STOPPED, "failed", "grows"}
     for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
         own = [one for one in part["rows"] if one["mode"] == mode]
         bad = [one for one in own if one["outcome"] not in fine]
@@ -158,7 +214,7 @@ def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 
 def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     what = "masses" if section == "mass" else "stiffnesses"
-    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
+    bad = [one for one in part["rows"] if one["outcome"] not in REACHED]
     if not bad:
         errors = [one["final_error"] for one in part["rows"] if one["final_error"] is not None]
         worst = f" (final error up to {max(errors):.2g} m)" if errors else ""
@@ -189,7 +245,7 @@ def _delay_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     if not part["rows"]:
         return []
-    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
+    bad = [one for one in part["rows"] if one["outcome"] not in REACHED]
     time = part["rows"][0]["time"]
     if not bad:
         return [f"Converges whichever of the {len(part['rows'])} strings tried breaks at {time:g} s."]
@@ -206,8 +262,8 @@ def _gravity_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     for known, words in ((False, "unknown to the law"), (True, "known to it")):
         own = [one for one in part["rows"] if one["known_to_the_law"] is known]
         if own:
-            good = [one for one in own if one["outcome"] in GOOD]
-            bad = [one for one in own if one["outcome"] not in GOOD]
+            good = [one for one in own if one["outcome"] in REACHED]
+            bad = [one for one in own if one["outcome"] not in REACHED]
             fine = f"converges with {_names(_g(one) for one in good)}" if good else ""
             ill = f"not with {_names(f'{_g(one)} ({_ended(one)})' for one in bad)}" if bad else ""
             sentences.append(f"Gravity {words}: {'; '.join(text for text in (fine, ill) if text)}.")
@@ -221,7 +277,7 @@ def _g(one: Data) -> str:
 def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     key = "law" if "law" in part["fractions"][0] else "amplitude"
     names = [one[key] if key == "law" else f"amplitude {one[key]:g}" for one in part["fractions"]]
-    parts = [f"{one['converged']:.0%}{_promise(one)}" for one in part["fractions"]]
+    parts = [_share(one) for one in part["fractions"]]
     listed = "; ".join(f"{name}: {text}" for name, text in zip(names, parts, strict=True))
     sentences = [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {listed}."]
     if any(_promise(one) for one in part["fractions"]):
@@ -234,6 +290,14 @@ def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     return sentences
 
 
+def _share(one: Data) -> str:
+    """The part that converges of the starts that are judged, and how many are not."""
+    left = one["starts"] - one.get("judged", one["starts"])
+    if one["converged"] is None:
+        return "none is judged"
+    return f"{one['converged']:.0%}{_promise(one)}" + (f" ({left} not judged)" if left else "")
+
+
 def _promise(one: Data) -> str:
     return "" if one["kept"] in (None, one["converged"]) else f" ({one['kept']:.0%} with V as promised all the way)"
 
@@ -242,7 +306,7 @@ def _tolerated(own: Sequence[Data], amounts: Sequence[str], what: str) -> str:
     """Up to which amount, one a row and growing, runs converge."""
     if not own:
         return ""
-    good = next((place for place, one in enumerate(own) if one["outcome"] not in GOOD), len(own))  # the first ones
+    good = next((place for place, one in enumerate(own) if one["outcome"] not in REACHED), len(own))  # the first ones
     if not good:
         return f"Does not tolerate {what} of {amounts[0]} ({_outcomes(own[:1])})."
     more = f" ({_outcomes([own[good]])} with more)" if good < len(own) else " (more was not tried)"

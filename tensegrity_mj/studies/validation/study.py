@@ -29,7 +29,7 @@ from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, c
 from tensegrity_mj.studies.validation.task import TICK, run_point
 from tensegrity_mj.studies.workers import Workers, workers_for
 
-FORMAT = 1
+FORMAT = 2
 DATA, PAGE = "validation.json", "validation.html"  # what a folder holds
 
 
@@ -116,7 +116,11 @@ class Validate:
             [case.point for case in todo],
             runs_in(self.folder),
             f"validation of {scene.name}",
-            {"identity": {"law": description}, "workers": workers_for(spec, self.workers), "progress": self.progress},
+            {
+                "identity": {"law": description, "format": FORMAT},
+                "workers": workers_for(spec, self.workers),
+                "progress": self.progress,
+            },
             {"scene": scene_to_toml(scene), "spec": spec, **plain_values(setup, "duration", "timestep")},
         )
         data: dict[str, Any] = {

@@ -13,7 +13,7 @@ from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.errors import DivergenceError, SceneError
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -25,6 +25,7 @@ from tensegrity_mj.studies.validation import measures
 
 ROWS = 64 * 2**20  # bytes of recorded rows at most
 TICK = 0.01  # s: what control periods, durations and break times are multiples or parts of
+REFUSED = "refused"  # the status of a start that the scene does not admit
 KEPT = 100  # times at which nodes are kept for comparison, besides the start
 
 # What a point may hold besides its engine; absent means nominal.
@@ -60,7 +61,10 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
     if case["known_gravity"] is not None:
         law = dataclasses.replace(law, gravity=tuple(case["known_gravity"]))
     if case["nodes"] is not None:
-        plant = plant.with_(initial_nodes=np.array(case["nodes"]), initial_velocities=None)
+        try:
+            plant = plant.with_(initial_nodes=np.array(case["nodes"]), initial_velocities=None)
+        except SceneError as error:
+            return {"status": REFUSED, "message": str(error), "end_time": 0.0}
     # Of another plant nothing is promised.
     promised = None if case["settings"] else native_law(law, nominal.structure).decay_rate
     floor = getattr(law, "minimum_force_density", 0.0)
@@ -82,7 +86,7 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
         )
     except DivergenceError as error:
         return {"status": "diverged", "message": str(error), "end_time": error.time}
-    values = measures.of_run(run, promised, floor)
+    values = measures.of_run(run, promised, floor, known_plant=not case["settings"])
     if case["keep_nodes"]:
         values["kept"] = kept_nodes(run, case["duration"])
     return values
