@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw
-from tensegrity_mj.engines.request import Request, request_for
+from tensegrity_mj.engines.request import Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import DivergenceError
@@ -53,6 +53,7 @@ def simulate(
         actuation: what happens between evaluations of the law; continuous by default.
         on_infeasible: what to do where the law has no admissible solution.
         output_interval: [s] between recorded samples; by default the multiple of the step nearest below 0.01 s.
+            Times may be texts, too: "1/4800", or "2.0833e-4", which is taken as what divides the run (docs/engines.md).
         progress: show a bar on stderr, or below the cell of a notebook.
 
     Returns:
@@ -73,6 +74,7 @@ def simulate(
     engine = checked_engine(engine)
     require(engine, scene)
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
+    engine, request, taken = settled(engine, request)
     law, actuation = request.law, request.actuation
     checked = warn_before_run(scene, engine, law, actuation)
     try:
@@ -91,6 +93,8 @@ def simulate(
         run.reports["stability"] = checked
         if may_be_the_step(run, engine, law, actuation):
             run.reports["stability"]["along_the_run"] = "not looked at; vibration.step_warnings.explain_warnings does"
+    if taken:
+        run.reports["taken"] = taken
     run.provenance.update(provenance_of(request, engine))
     return run
 

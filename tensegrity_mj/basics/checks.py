@@ -28,7 +28,7 @@ def checked(what: str, value: Any, kind: Kind, error: type[TensegrityError] = Op
 
 
 def positive(what: str, value: Any, unit: str = "") -> float:
-    """The value as a finite float > 0, from `SMALLEST` to `LARGEST`.
+    """The value as a finite float > 0, from `SMALLEST` to `LARGEST`; of seconds, a text that means one, too.
 
     Raises:
         OptionError: naming what it is and its value.

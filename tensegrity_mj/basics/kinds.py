@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_mj.basics import seconds
 from tensegrity_mj.basics.texts import closest, value_text
+from tensegrity_mj.basics.toml_values import is_list, is_number, is_row, is_table, is_text
 
 # Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
 # float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
@@ -90,12 +92,20 @@ def number_in(value: Any, allowed: str, test: Callable[[float], bool]) -> float:
         raise not_allowed(value, allowed)
     if abs(number) > LARGEST or (abs(number) < SMALLEST and not test(0.0)):
         raise not_allowed(value, f"{allowed}, and {MAGNITUDES}")
-    return number
+    return value if type(value) is seconds.Rounded else number
 
 
 def number(allowed: str, test: Callable[[float], bool], **limits: float | bool) -> Kind:
-    """A finite number that passes a test; `allowed` says in words which do, and `limits` in words of JSON Schema."""
+    """A finite number that passes a test; `allowed` says in words which do, and `limits` in words of JSON Schema.
+
+    Numbers of seconds may be texts such as "1/4800", too (see `seconds`).
+    """
     schema = {**NUMBER, "description": allowed, **limits}
+    if allowed.endswith(" s"):
+        plain = partial(number_in, allowed=f"{allowed}, or {seconds.EXAMPLE}", test=test)
+        either = {"anyOf": [schema, {**TEXT, "pattern": seconds.PATTERN}]}
+        need = f"a number, or {seconds.EXAMPLE}"
+        return Kind(lambda value: plain(seconds.read(value)), need, is_time, held_time, single=True, schema=either)
     return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float, single=True, schema=schema)
 
 
@@ -387,24 +397,9 @@ def or_none(kind: Kind) -> Kind:
     return kind._replace(plain=lambda value: None if value is None else kind.plain(value))
 
 
-def is_text(value: Any) -> bool:
-    return isinstance(value, str)
+def held_time(value: Any) -> Any:
+    return value if is_text(value) else float(value)
 
 
-def is_table(value: Any) -> bool:
-    return isinstance(value, dict)
-
-
-def is_number(value: Any) -> bool:
-    """Whether TOML gave a number that a float can hold."""
-    return isinstance(value, float) or (type(value) is int and abs(value) < 10**308)  # larger ones overflow
-
-
-def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
-    """Whether it is a list of valid items."""
-    return isinstance(value, list) and all(valid(item) for item in value)
-
-
-def is_row(value: Any, width: int = 3) -> bool:
-    """Whether it is a list of so many numbers."""
-    return is_list(value, is_number) and len(value) == width
+def is_time(value: Any) -> bool:
+    return is_number(value) or seconds.readable(value)

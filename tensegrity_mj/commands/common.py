@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import checked, made_folder, table_beside
+from tensegrity_mj.basics.seconds import Rounded, read
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
@@ -168,6 +169,16 @@ def finite(text: str, bound: str = "") -> float:
         raise argparse.ArgumentTypeError(f"{text}: it must be finite")
     if bound and not (value > 0 or (value == 0 and bound == ">= 0")):
         raise argparse.ArgumentTypeError(f"{text}: it must be {bound}")
+    return value
+
+
+def seconds(text: str) -> Rounded:
+    """argparse type: a time > 0 [s], a number or a quotient such as 1/4800."""
+    value = read(text)
+    if not isinstance(value, Rounded):
+        positive(text)  # which says what it is not
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: it must be > 0, such as 0.001 or 1/4800")
     return value
 
 

@@ -218,18 +218,19 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[runs
         )
     # The step is that of the engine that has fixed steps by default; others take it where their method is such a one.
     alone = all(ENGINES[name].fixed_step for name in names)
-    engines = [experiment.engine_of(name, options, with_timestep=alone or options.method == "rk4") for name in names]
+    duration, fixed = options.duration or scene.duration, alone or options.method == "rk4"
+    engines = [experiment.engine_of(name, options, duration, with_timestep=fixed) for name in names]
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
 
-    def run(engine: Any, interval: float | None) -> runs.Trajectory:
-        return experiment.simulated(options, scene, law, engine, actuation, options.duration, interval)
+    def run(engine: Any, duration: float | None, interval: float | None) -> runs.Trajectory:
+        return experiment.simulated(options, scene, law, engine, actuation, duration, interval)
 
-    first = run(engines[0], options.output_interval)
+    first = run(engines[0], options.duration, options.output_interval)
     # Where a fixed step does not divide 0.01 s, its samples lie elsewhere: the reference is sampled there too.
     # (The last sample of a run that stopped lies anywhere.)
     regular = len(first.time) > (1 if first.status is runs.Status.COMPLETED else 2)
     spacing = float(first.time[1] - first.time[0]) if regular else options.output_interval
-    return first, run(engines[1], spacing)
+    return first, run(engines[1], first.provenance["duration"], spacing)
 
 
 def _read(options: argparse.Namespace) -> tuple[Run, Run]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 from tensegrity_mj import model, runs
-from tensegrity_mj.commands.common import SHARED, refuse
+from tensegrity_mj.basics.seconds import Rounded
+from tensegrity_mj.commands.common import SHARED, refuse, seconds, whole
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
@@ -70,6 +72,16 @@ def law_options_of(options: argparse.Namespace) -> dict[str, Any]:
     return dict(options.law_option or ())
 
 
+class Steps(int):
+    """How many steps a run has, in place of their size."""
+
+
+def step(text: str) -> Steps | Rounded:
+    """argparse type: a step [s], a number or a quotient, or "4800 steps"."""
+    count, word, rest = text.partition("step")
+    return Steps(whole(count.strip(), 10**12)) if word and rest in ("", "s") else seconds(text)
+
+
 def law_option(text: str) -> tuple[str, Any]:
     """argparse type: NAME=VALUE, the value in TOML or, where it is none, a text."""
     import tomllib
@@ -113,17 +125,26 @@ def simulated(
         progress=True,
     )
     explain_warnings(run, engine, law, actuation)
+    for text in run.reports.get("taken", ()):
+        print(f"note: {text}", file=sys.stderr)
     return run
 
 
-def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> Any:
+def engine_of(
+    name: str, options: argparse.Namespace, duration: float | None = None, *, with_timestep: bool = True
+) -> Any:
     """The engine of this name with those of the options given that are its own, defaults elsewhere.
 
-    Without `with_timestep`, one that may choose its steps leaves out those of fixed steps.
+    Without `with_timestep`, one that may choose its steps leaves out those of fixed steps. A number of steps is of the
+    duration [s].
 
     Raises:
         OptionError: naming an option that contradicts another.
     """
+    if isinstance(options.timestep, Steps):
+        if duration is None:
+            raise OptionError(f"--timestep {options.timestep} steps: it means nothing here; give the step [s]")
+        options.timestep = float(duration) / options.timestep
     if options.accuracy is not None:
         refuse(options, CHOSEN_BY_ACCURACY, "is chosen by --accuracy; give one or the other")
     own = option_names(name)

@@ -42,11 +42,11 @@ def execute(options: argparse.Namespace) -> Outcome:
     scene = library.load_scene(options.scene)
     if options.water_loads and scene.water is None:
         raise OptionError(f"--water-loads: scene '{scene.name}' has no water")
-    engine = experiment.engine_of(options.engine, options)
     if options.replay:
         law, actuation, duration = _replay_of(options)
     else:
         law, actuation, duration = experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
+    engine = experiment.engine_of(options.engine, options, duration or scene.duration)
     after = options.statistics
     if after is not None and after >= (duration or scene.duration):
         raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, member, positive
+from tensegrity_mj.basics.seconds import Rounded, fitted, read
 from tensegrity_mj.controllers.scenes import AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import OptionError
@@ -70,7 +71,7 @@ def request_for(
     actuation = Actuation.continuous() if actuation is None else actuation
     instance("actuation", actuation, Actuation, "use Actuation.continuous() or one of the hold modes")
     member("on_infeasible", on_infeasible, OnInfeasible)
-    total = scene.duration if duration is None else duration
+    total = read(repr(float(scene.duration))) if duration is None else duration
     total = positive("duration", total, "s")
     if output_interval is not None:
         output_interval = positive("output_interval", output_interval, "s")
@@ -89,6 +90,29 @@ def request_for(
             "use that period"
         )
     return Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
+
+
+def settled(engine: Any, request: Request) -> tuple[Any, Request, list[str]]:
+    """An engine and a request whose step divides the request's times, as far as their digits leave it open (`fitted`).
+
+    Returns:
+        Both, with plain floats, and a sentence for each number that was taken for another one than was written.
+    """
+    step, times, words = getattr(engine, "timestep", None), request.intervals, []
+    found = {what: float(time) for what, time in times.items()}
+    if step is not None and getattr(engine, "accuracy", None) is None:
+        h, found = fitted(step, times)
+        for what, one in {"time step": step, **times}.items():
+            new = found.get(what, h)
+            if isinstance(one, Rounded) and new != one:
+                count = round(found.get(what, found["duration"]) / h)
+                words.append(f"{what} {one.text} s is taken as {new!r} s ({count} steps)")
+        if isinstance(step, Rounded):
+            engine = replace(engine, timestep=h)
+    period = found.get("control period", request.actuation.period)
+    actuation = request.actuation if period is None else Actuation(request.actuation.mode, float(period))
+    interval = found.get("output interval")
+    return engine, replace(request, duration=found["duration"], output_interval=interval, actuation=actuation), words
 
 
 class Accelerations(Protocol):

@@ -76,6 +76,7 @@ def whole_ratio(larger: float, smaller: float, what: str) -> int:
         low, high = max(1, math.floor(ratio)), max(1, math.floor(ratio)) + 1
         raise OptionError(
             f"{what}: {larger:.12g} s is no multiple of {smaller:.12g} s (ratio {ratio:.9g}); "
-            f"use {low * smaller:.12g} s or {high * smaller:.12g} s"
+            f"use {low * smaller:.12g} s or {high * smaller:.12g} s, or {larger:.12g}/{max(1, count)} s in place of "
+            f"{smaller:.12g} s"
         )
     return count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -81,6 +82,12 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         return html_of(self)
+
+    @property
+    def timestep(self) -> float:
+        """[s], of the engine's fixed steps; NaN where it chose its steps."""
+        step = self.provenance.get("engine", {}).get("timestep")
+        return math.nan if step is None else float(step)
 
     @property
     def element_state_names(self) -> tuple[str, ...]:

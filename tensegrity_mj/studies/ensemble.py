@@ -15,7 +15,7 @@ from tensegrity_mj.basics.checks import checked, instance, member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, NativeLaw, native_law
-from tensegrity_mj.engines.request import Request, request_for
+from tensegrity_mj.engines.request import Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES, checked_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -185,6 +185,9 @@ class ManyRuns:
             else:
                 requests.append(request_for(scene, law, total, *shared))
                 known[id(law)] = requests[-1].law
+        engine, first, _ = settled(engine, requests[0])
+        length, interval, held = first.duration, first.output_interval, first.actuation
+        requests = [replace(one, duration=length, output_interval=interval, actuation=held) for one in requests]
         warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
         with interrupts.deferred():
             run = engine.ensemble(requests, int(threads))

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import Kind, Wrong, choice, is_list, is_number, is_table, many, part, rows, text, whole
+from tensegrity_mj.basics.kinds import Kind, Wrong, choice, many, part, rows, text, whole
+from tensegrity_mj.basics.toml_values import is_list, is_number, is_table
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.thesis.experiments import OF_EQUILIBRIUM, OF_MOTION, EngineName
 

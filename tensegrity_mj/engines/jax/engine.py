@@ -19,7 +19,7 @@ from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.jax.integrate import Tolerances
 from tensegrity_mj.engines.jax.program import Program
-from tensegrity_mj.engines.request import Accelerations, Request, request_for
+from tensegrity_mj.engines.request import Accelerations, Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import DerivativeWarning, OptionError
@@ -148,6 +148,7 @@ class JAX:
             duration = float(found[-1])
         options = duration, actuation, OnInfeasible.STOP, output_interval, False
         request = request_for(scene, controller, *options, lambda law, _: NativeLaw(0, 0, (), own=law))
+        engine, request, _ = settled(self, request)
         structure = scene.structure
         damped = np.flatnonzero((structure.damping > 0) & ~structure.curves.constant)
         if len(damped) and self.method is Method.DOPRI8 and self.window is None:
@@ -156,7 +157,7 @@ class JAX:
                 "by DOPRI8 miss its jump; use window=2e-3 [s], or window=0 where no damped string comes taut",
                 DerivativeWarning,
             )
-        return Program(self, request, found)
+        return Program(engine, request, found)
 
     def _instants(self, times: ArrayLike, duration: float | None, output_interval: float | None) -> Array:
         """`times` of `model` (T,), checked."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.kinds import is_list, is_number, is_text
 from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.basics.toml_values import is_list, is_number, is_text
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.ropes import moved_ropes
 from tensegrity_mj.model.structure import Structure

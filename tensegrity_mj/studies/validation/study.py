@@ -10,6 +10,7 @@ from typing import Any
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.basics.seconds import fitted
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, named_in
 from tensegrity_mj.engines.requirements import engines_for, only_one
@@ -173,7 +174,7 @@ def _duration(scene: Scene, duration: float | None) -> float:
 
 
 def _part_of_a_tick(what: str, value: float) -> float:
-    value = positive(what, value, "s")
+    value, _ = fitted(positive(what, value, "s"), {"tick": TICK})
     try:
         whole_ratio(TICK, value, what)
     except OptionError:
