@@ -1,6 +1,6 @@
 """A policy that learns to roll the six-bar robot forward, by PPO of Stable-Baselines3, and the gait beside it.
 
-    pip install "tensegrity-mj[gym]" stable-baselines3
+    python -m pip install ".[gym]" stable-baselines3
     python examples/learn_to_roll.py                       # learns, plays, draws; under 20 minutes on two cores
     python examples/learn_to_roll.py --only-play           # with the policy of before
     tensegrity-mj validate six_bar_roll --law examples/learn_to_roll.py:Policy

@@ -44,7 +44,7 @@ fingerprint() {
 import hashlib, pathlib, sys
 
 kind, root = sys.argv[1:]
-text = "\n".join([kind, sys.version, root, (pathlib.Path(root) / "pyproject.toml").read_text(encoding="utf-8")])
+text = "\n".join([kind, "with pip", sys.version, root, (pathlib.Path(root) / "pyproject.toml").read_text(encoding="utf-8")])
 print(hashlib.sha256(text.encode()).hexdigest())
 PYTHON
 }
@@ -91,8 +91,9 @@ install_package() { # python run|docs|dev
     if [ "$kind" != run ]; then requirement="$root[$kind]"; fi
     if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
+    # With a pip of its own, so that `.venv/bin/python -m pip install` of the guides and of `doctor` works.
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
-    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" >&2
+    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" "pip>=22.3" >&2
     printf '%s' "$wanted" >"$stamp"
     rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
     # What the tests need includes what the site needs, and that what the demo needs.

@@ -35,6 +35,31 @@ def optional(package: str, what: str, wanted: str = "") -> Any:
         ) from None
 
 
+def requirements_of(extra: str) -> list[Requirement]:
+    """The requirements of an extra of this package, as its metadata has them; none where it is not installed."""
+    from packaging.requirements import Requirement
+
+    try:
+        items = [Requirement(line) for line in metadata.requires("tensegrity-mj") or []]
+    except metadata.PackageNotFoundError:  # used from its sources
+        return []
+    return [item for item in items if item.marker and f'extra == "{extra}"' in str(item.marker)]
+
+
+def of_extra(extra: str) -> str:
+    """Arguments of `pip install` that bring an extra: its requirements by name, as no index has this package.
+
+    They are the same in a checkout and beside an installed package.
+    """
+    return (
+        _quoted([f"{item.name}{_extras(item)}{item.specifier}" for item in requirements_of(extra)]) or f"'.[{extra}]'"
+    )
+
+
+def _extras(item: Requirement) -> str:
+    return f"[{','.join(sorted(item.extras))}]" if item.extras else ""
+
+
 def unmet(item: Requirement) -> str:
     """Why no installed package meets a requirement, or ""."""
     try:
@@ -52,9 +77,8 @@ def requirements_of_dm_control() -> list[Requirement]:
         lines = metadata.requires("tensegrity-mj") or []
     except metadata.PackageNotFoundError:  # used from its sources
         lines = ["dm-control"]
-    items = [Requirement(line) for line in lines]
-    needs = [item for item in items if item.marker and f'extra == "{EXTRA}"' in str(item.marker)]
-    return [*needs, *(item for item in items if item.name == "dm-control")]
+    own = (item for item in map(Requirement, lines) if item.name == "dm-control")
+    return [*requirements_of(EXTRA), *own]
 
 
 def missing_for_dm_control() -> list[str]:

@@ -35,7 +35,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, "\n".join(lines), ExitCode.SUCCESS if healthy else ExitCode.MISSING_LIBRARY)
 
 
-CHECKS = table_beside(__file__)["checks"]
+TABLE = table_beside(__file__)
+CHECKS, EXTRAS = TABLE["checks"], TABLE["extras"]
 PROBE_TIMEOUT = 60.0  # s; a cold start of MuJoCo on a slow disk takes a few
 
 
@@ -67,6 +68,7 @@ def examine() -> list[Check]:
         *check_packages(),
         check_dm_control(),
         probed("jax"),
+        *check_extras(),
         probed("compiler"),
         probed("cache"),
         check_opengl(),
@@ -105,6 +107,18 @@ def check_package(item: Requirement) -> Check:
     return Check(item.name, True, metadata.version(item.name), "everything")
 
 
+def check_extras() -> list[Check]:
+    """Whether the packages of each extra of `EXTRAS` are installed."""
+    found = []
+    for extra, needed_for in EXTRAS.items():
+        items = dependencies.requirements_of(extra)
+        absent = [f"{item.name}: {why}" for item in items if (why := dependencies.unmet(item))]
+        here = ", ".join(absent or [f"{item.name} {metadata.version(item.name)}" for item in items])
+        remedy = f"python -m pip install {dependencies.of_extra(extra)}" if absent or not items else ""
+        found.append(Check(f"extra {extra}", not remedy, here or "unknown", needed_for, required=False, remedy=remedy))
+    return found
+
+
 def check_dm_control() -> Check:
     """Whether `tensegrity_mj.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
     missing = dependencies.missing_for_dm_control()
@@ -138,7 +152,8 @@ def probed(key: str) -> Check:
     """What the probe of a row of `CHECKS` finds."""
     row = CHECKS[key]
     works, found = _run_probe(row["probe"])
-    remedy = "" if works else row["remedy"]
+    remedy = f"python -m pip install {dependencies.of_extra(row['extra'])}" if "extra" in row else row["remedy"]
+    remedy = "" if works else remedy
     return Check(row["name"], works, found, row["needed_for"], row.get("required", True), remedy)
 
 

@@ -13,6 +13,7 @@ from tensegrity_mj.basics.texts import closest, file_name
 from tensegrity_mj.errors import FormatError, OptionError, SceneError, StructureError, printable
 from tensegrity_mj.exchange.draft import Draft
 from tensegrity_mj.exchange.options import ImportOptions
+from tensegrity_mj.model.plausibility import warnings_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 
@@ -95,7 +96,8 @@ def import_scene(
     try:
         draft = read(file, options or ImportOptions())
         draft.name = file_name(draft.name)
-        return Imported(draft.scene(), tuple(draft.notes), name)
+        scene = draft.scene()
+        return Imported(scene, (*draft.notes, *warnings_of(scene.structure)), name)
     except (StructureError, SceneError) as error:
         raise type(error)(f"{file}: {error}") from None
     except FormatError as error:

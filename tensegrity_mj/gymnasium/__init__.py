@@ -11,10 +11,10 @@ See docs/gymnasium.md. Importing it raises `tensegrity_mj.errors.MissingPackageE
 
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.basics.dependencies import optional
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.faces import face
 
-optional("gymnasium", "tensegrity_mj.gymnasium")
+optional("gymnasium", "tensegrity_mj.gymnasium", of_extra("gym"))
 
 from tensegrity_mj.gymnasium.registration import register as register  # noqa: E402 - after the check
 

@@ -25,6 +25,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.figure import print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
+from tensegrity_mj.pictures.one_prefix import one_prefix
 from tensegrity_mj.runs.comparison import Comparison
 from tensegrity_mj.runs.differences import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -157,11 +158,13 @@ def write_sections(
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
     destination = checked(path, (".html", ".htm"), what)
+    sections = list(sections)
+    in_units = one_prefix([part for section in sections for part in section.parts])
     parts = [f"<h1>{escape(title)}</h1>", *opening] + ([f"<p>{escape(introduction)}</p>"] if introduction else [])
     for section in sections:
         parts.append(f"<h2>{escape(section.title)}</h2>")
         parts += [f"<p>{escape(text)}</p>" for text in section.text]
-        parts += [_part(part) for part in section.parts]
+        parts += [_part(in_units(part)) for part in section.parts]
     return write_text(destination, page_of(title, parts))
 
 

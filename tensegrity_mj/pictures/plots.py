@@ -21,6 +21,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import directions, rod_number, support_points
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.curves import WIDTH, largest
 from tensegrity_mj.pictures.figure import (
@@ -47,6 +48,7 @@ from tensegrity_mj.pictures.run_panels import (
     listed,
     multipliers,
     over_time,
+    rest_lengths,
     rows_of_panels,
     target_nodes,
     tensions,
@@ -71,19 +73,20 @@ DRAWN = ("node_error", "velocity_error", "tension_error", "rod_force_error", "fo
 MARKS = [(0.02 + 0.0171 * k, 0.12) for k in range(len(palette.MARKERS))]
 
 NOTEBOOK_DPI = 90
+STILL = 1e-12  # what moves no farther is where it was: a pinned rod's r
 
 # times (T,), values (T,), colour, line style, label
 _Curve = tuple[Array, Array, Any, str, str | None]
 
 
 def plot_run(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
-    """A row for each run: under a law figure 5.4 for a structure of one rod, figure 5.7 for others; else its motion.
+    """A row for each run: with a target figure 5.4 for a structure of one rod, figure 5.7 for others; else its motion.
 
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
     all_runs = listed(runs)
-    if not any(run.scene.target is not None or run.provenance.get("controller") for run in all_runs):
+    if not any(run.scene.target is not None for run in all_runs):
         return plot_motion(all_runs, path)
     one_rod = all(len(run.scene.structure.rods) == 1 and not run.scene.structure.point_masses for run in all_runs)
     return plot_coordinates(all_runs, path) if one_rod else plot_errors(all_runs, path)
@@ -102,7 +105,7 @@ def png_of(run: Trajectory) -> bytes | None:
 
 
 def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
-    """Height, tension of the strings [N], and the floor's force or the rods' [N]: of structures that no law controls.
+    """Height [m], tension of the strings [N], the floor's force or the rods' [N], and under a law rest lengths [m].
 
     Members that are alike are drawn together, see `curves`. The floor's force is drawn where nothing but gravity acts
     from outside besides.
@@ -110,7 +113,8 @@ def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
-    return _in_rows(runs, path, heights, tensions, forces)
+    driven = any(run.provenance.get("controller") for run in listed(runs))
+    return _in_rows(runs, path, heights, tensions, *([rest_lengths] if driven else []), forces)
 
 
 def plot_coordinates(
@@ -148,44 +152,71 @@ def plot_coordinates(
 
 
 def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
-    """Figure 5.7: for each rod (blue, green, red, ...) ‖e_b‖ full and ‖e_r‖ dashed; u; λ.
+    """Figure 5.7: for each rod (blue, green, red, ...) ‖e_b‖ [1], and ‖e_r‖ [m] where rods can shift; u; λ.
 
-    Of more than four rods, the four with the largest errors and a band of the others. Without a target, the first
-    column shows how far b and r are from where they started. Point masses are dotted.
+    Of more than four rods, the four with the largest errors and a band of the others. Without a target, these show how
+    far b and r are from where they started. Point masses are dotted.
 
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
-    return _in_rows(runs, path, _errors, controls, multipliers)
+
+    def turned(run: Trajectory) -> bool:
+        return bool(run.scene.structure.rods)
+
+    def shifted(run: Trajectory) -> bool:
+        return bool(run.scene.structure.given.point_masses) or _off(run, support_points).max(initial=0.0) > STILL
+
+    chosen = [one for one, needed in ((_turns, turned), (_shifts, shifted)) if any(map(needed, listed(runs)))]
+    return _in_rows(runs, path, *(chosen or [_turns]), controls, multipliers)
 
 
-def _errors(panel: Any, run: Trajectory) -> None:
-    """‖e_b‖, ‖e_r‖ and the distances of point masses, or changes since the start."""
-    structure, aim = run.scene.structure, target_nodes(run)
-    reference = run.nodes[:1] if aim is None else aim
-    sign = "\\Delta " if aim is None else "e_"
-    b_error = np.linalg.norm(directions(structure, run.nodes) - directions(structure, reference), axis=-1)
-    r_error = np.linalg.norm(support_points(structure, run.nodes) - support_points(structure, reference), axis=-1)
-    for values, style, letter in ((b_error, "-", "b"), (r_error, "--", "r")):
-        moving = np.flatnonzero(values.max(axis=0) > 1e-12)  # a pinned rod's r cannot move
-        shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
-        rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
-        if rest.shape[1]:
-            label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
-            band = {"color": palette.BAND, "lw": 0.0, "hatch": "" if letter == "b" else "////", "ec": "white"}
-            panel.fill_between(run.time, rest.min(axis=1), rest.max(axis=1), zorder=1.0, label=label, **band)
-        for a in shown:
-            label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
-            look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5}
-            every = MARKS[a % len(MARKS)]
-            panel.plot(run.time, values[:, a], lw=WIDTH, ls=style, label=label, markevery=every, **look)
+def _reference(run: Trajectory) -> Array:
+    """Nodes (T or 1, N, 3) [m] of the target, or of the start."""
+    aim = target_nodes(run)
+    return run.nodes[:1] if aim is None else aim
+
+
+def _off(run: Trajectory, what: Callable[[Structure, Array], Array]) -> Array:
+    """How far b or r of each rod (T, R) is from the target's, or from where it started."""
+    structure = run.scene.structure
+    return np.linalg.norm(what(structure, run.nodes) - what(structure, _reference(run)), axis=-1)
+
+
+def _turns(panel: Any, run: Trajectory) -> None:
+    """‖e_b‖ of the rods, or the change since the start."""
+    _distances(panel, run, "b", directions)
+    title = "Directions: change since the start" if run.scene.target is None else r"Errors $\|e_b\|$ of directions"
+    over_time(panel, title, "of the unit vector [1]")
+
+
+def _shifts(panel: Any, run: Trajectory) -> None:
+    """‖e_r‖ of the rods and distances of point masses, or changes since the start."""
+    structure, reference = run.scene.structure, _reference(run)
+    _distances(panel, run, "r", support_points)
     for k, mass in enumerate(structure.given.point_masses):
         i = structure.node_index[mass.node]
         distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
         name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None
         panel.plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=name)
-    title = "Change since the start" if aim is None else r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)"
-    over_time(panel, title, r"$b$ [1], $r$ [m]")
+    title = "Places: change since the start" if run.scene.target is None else r"Errors $\|e_r\|$ of places"
+    over_time(panel, title, "distance [m]")
+
+
+def _distances(panel: Any, run: Trajectory, letter: str, what: Callable[[Structure, Array], Array]) -> None:
+    """Curves of the rods that move most, and a band of the others."""
+    values, sign = _off(run, what), "\\Delta " if run.scene.target is None else "e_"
+    moving = np.flatnonzero(values.max(axis=0) > STILL)
+    shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
+    rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
+    if rest.shape[1]:
+        label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
+        band = {"color": palette.BAND, "lw": 0.0, "zorder": 1.0, "label": label}
+        panel.fill_between(run.time, rest.min(axis=1), rest.max(axis=1), **band)
+    for a in shown:
+        label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
+        look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5, "lw": WIDTH}
+        panel.plot(run.time, values[:, a], ls="-", label=label, markevery=MARKS[a % len(MARKS)], **look)
 
 
 def _in_rows(
@@ -193,7 +224,7 @@ def _in_rows(
 ) -> Figure:
     """A row of panels for each run, one by each of these functions; written where a path is given."""
     all_runs = listed(runs)
-    figure, panels = rows_of_panels(all_runs)
+    figure, panels = rows_of_panels(all_runs, len(draw))
     for run, row in zip(all_runs, panels, strict=True):
         for one, panel in zip(draw, row, strict=True):
             one(panel, run)

@@ -83,6 +83,15 @@ def tensions(panel: Axes, run: Trajectory) -> None:
     over_time(panel, "Tension of the strings", "tension [N]")
 
 
+def rest_lengths(panel: Axes, run: Trajectory) -> None:
+    """Of the strings, as winches set them; alike ones together and those with mass as wholes."""
+    structure = run.scene.structure
+    names = [string.name for string in structure.given.strings]
+    values = np.stack([run.rest_length(name) for name in names], axis=1) if names else run.rest_lengths
+    draw_curves(panel, run.time, values, names, [] if structure.ropes else string_groups(structure))
+    over_time(panel, "Rest length of the strings", "rest length [m]")
+
+
 def forces(panel: Axes, run: Trajectory) -> None:
     """Of the floor on the structure where momentum gives it, else along the rods, alike ones together."""
     floor = floor_force(run)
@@ -123,15 +132,19 @@ def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:
     return run.time, across, along
 
 
-def rows_of_panels(runs: Sequence[Trajectory]) -> tuple[Figure, Any]:
-    """A row of three panels for each run, a column of them in a paper's; panels of a kind share their scales."""
-    columns = beside(3)
-    # A legend below a panel takes about a quarter of its height; three above one another are flatter.
-    tall = 1.25 * ROW if columns > 1 else 3.0 * 0.85 * ROW
+def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, Any]:
+    """Three panels in a row for each run, or four in two; in a paper's column all below one another.
+
+    Panels of a kind share their scales.
+    """
+    columns = beside(2 if count == 4 else 3)
+    lines = count // columns
+    # A legend below a panel takes about a quarter of its height; several above one another are flatter.
+    tall = 1.25 * ROW if lines == 1 else lines * (0.85 if columns == 1 else 1.1) * ROW
     figure = new_figure(columns * COLUMN, (tall + 0.45) * len(runs) + 0.45)
     rows = np.atleast_1d(np.asarray(figure.subfigures(len(runs), 1), dtype=object))
-    panels = [row.subplots(3 // columns, columns).ravel() for row in rows]
-    for column in range(3):
+    panels = [row.subplots(lines, columns).ravel() for row in rows]
+    for column in range(count):
         for other in panels[1:]:
             other[column].sharex(panels[0][column])
             other[column].sharey(panels[0][column])

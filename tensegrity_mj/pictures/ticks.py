@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 MOST_DECADES = 4
 
-_UNIT = re.compile(r"\[([^\[\]]+)\]$")
+UNIT = re.compile(r"\[([^\[\]]+)\]$")
 
 
 class Prefixed(Formatter):
@@ -26,22 +26,35 @@ class Prefixed(Formatter):
     """
 
     def __init__(self, label: Any, unit: str) -> None:
-        self._label, self._unit, self._text = label, unit, label.get_text()
+        self._label, self._text = label, label.get_text()
+        self.unit = unit
+        self.power: int | None = None  # of the page; by default the axis' own
 
     def __call__(self, value: float, pos: int | None = None) -> str:
         del pos
         return f"{value:g}"
 
+    @property
+    def reach(self) -> float:
+        """The largest number on the axis, in the unit without a prefix."""
+        return max(map(abs, self.axis.get_view_interval()))  # type: ignore[union-attr]
+
     def format_ticks(self, values: Sequence[float]) -> list[str]:
         """All ticks with the same number of decimals, and the unit in the axis' label."""
         low, high = sorted(self.axis.get_view_interval())  # type: ignore[union-attr]
         seen = [v for v in values if low <= v <= high] or list(values)
-        power = power_of(max(map(abs, seen), default=0.0), self._unit)
-        self._label.set_text(_UNIT.sub(f"[{unit_with(power, self._unit)}]", self._text))
+        power = power_of(max(map(abs, seen), default=0.0), self.unit) if self.power is None else self.power
+        self._label.set_text(UNIT.sub(f"[{unit_with(power, self.unit)}]", self._text))
         scaled = [float(v) / 10.0**power for v in values]
         step = min((b - a for a, b in itertools.pairwise(scaled) if b > a), default=1.0)
         digits = next((d for d in range(8) if all(abs(round(v, d) - v) <= 1e-6 * step for v in scaled)), 8)
         return [f"{v:.{digits}f}".replace("-", "−") for v in scaled]
+
+
+def prefixed_axes(figure: Any) -> list[Prefixed]:
+    """The formatters of a figure's axes that may have a prefix."""
+    axes = (axis for panel in figure.axes for axis in (panel.xaxis, panel.yaxis))
+    return [one for axis in axes if isinstance(one := axis.get_major_formatter(), Prefixed)]
 
 
 def prefix_ticks(panel: Axes) -> None:
@@ -49,7 +62,7 @@ def prefix_ticks(panel: Axes) -> None:
     for axis in (panel.xaxis, panel.yaxis):
         if axis.get_scale() == "log":
             _write_out(axis)
-        found = _UNIT.search(axis.label.get_text())
+        found = UNIT.search(axis.label.get_text())
         if found and isinstance(axis.get_major_formatter(), ScalarFormatter) and axis.get_scale() == "linear":
             axis.set_major_formatter(Prefixed(axis.label, found.group(1)))
 

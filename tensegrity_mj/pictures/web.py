@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
-from tensegrity_mj.basics.dependencies import optional
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.units import power_of, unit_with
 from tensegrity_mj.errors import printable
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
@@ -111,9 +112,9 @@ def plotly_script() -> str:
     Raises:
         MissingPackageError: with the command that installs plotly.
     """
-    wanted = "plotly (the extra 'web' of tensegrity-mj); pictures and videos need none"
-    optional("plotly", "the page in 3-D", wanted)  # the package first, by its name
-    return str(optional("plotly.offline", "the page in 3-D", wanted).get_plotlyjs())
+    wanted, what = of_extra("web"), "the page in 3-D (pictures and videos do without)"
+    optional("plotly", what, wanted)  # the package first, by its name
+    return str(optional("plotly.offline", what, wanted).get_plotlyjs())
 
 
 def _times(motion: Motion, room: int) -> Array:
@@ -138,7 +139,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     edges = [body.name for body, frame in zip(structure.bodies, structure.frames, strict=True) for _ in frame.edges]
     sizes = Sizes.of(structure, box.extent)
     scale = palette.TensionScale.of(motion.tensions)
-    ticks = np.linspace(0.0, scale.end, 5)
+    ticks, power = np.linspace(0.0, scale.end, 5), power_of(scale.end, "N")
     slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
     masses = mass_places(structure)
     drawn = {
@@ -181,7 +182,8 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "follow": box.follow,
         "eye": _eye(motion, box.half),
         "ticks": ticks,
-        "tick_texts": [f"{tick:,.0f}" if scale.end >= 1000.0 else f"{tick:.3g}" for tick in ticks],
+        "tick_texts": [f"{tick / 10.0**power:.3g}" for tick in ticks],
+        "unit": unit_with(power, "N"),
         "scale": [[n / 8, _css(palette.tension_colors(n / 8))] for n in range(9)],
         "colors": {name: _css(color) for name, color in _COLORS.items()},
     }

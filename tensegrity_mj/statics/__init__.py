@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.sizing import Governs as Governs
     from tensegrity_mj.statics.sizing import Sizing as Sizing
     from tensegrity_mj.statics.standalone import standalone_scene as standalone_scene
+    from tensegrity_mj.statics.standing import stand as stand
+    from tensegrity_mj.statics.standing import tipping as tipping
     from tensegrity_mj.statics.state import StaticState as StaticState
     from tensegrity_mj.statics.stiffening import Verdict as Verdict
     from tensegrity_mj.statics.strength import MemberCheck as MemberCheck

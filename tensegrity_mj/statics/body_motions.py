@@ -10,6 +10,8 @@ from tensegrity_mj.model.rigidity import body_motions, turned
 from tensegrity_mj.statics.boundary import Boundary
 from tensegrity_mj.statics.model import StaticModel
 
+FEET = 1e-3  # of the extent: nodes within it of the lowest are feet
+
 
 def require_held(model: StaticModel, parameter: float) -> None:
     """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
@@ -26,11 +28,28 @@ def require_held(model: StaticModel, parameter: float) -> None:
             "buoyancy is that of the start, wherever it would float, so take gravity out, and buoyancy with it "
             "(gravity = (0, 0, 0), --no-gravity)"
         )
-    floor = "; statics leaves the scene's contact out" if scene.contact is not None else ""
+    floor = "" if scene.contact is None else _standing(model)
     raise InfeasibleError(
         f"'{scene.name}': what acts on it pushes the whole with ({force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g}) N, "
         f"and nothing holds it in that direction: there is no equilibrium; {remedy}, or hold nodes (holds, --hold) to "
         f"see it stand{floor}"
+    )
+
+
+def _standing(model: StaticModel) -> str:
+    """How a floor is put in the place of the contact that statics leaves out: by the heights of the lowest nodes."""
+    contact, names, nodes = model.scene.contact, model.structure.node_names, model.start
+    if contact is None or contact.floor is None or contact.terrain is not None:
+        return "; statics leaves the scene's contact out"
+    heights = nodes @ contact.up
+    least = max(FEET * float(np.ptp(nodes, axis=0).max()), float(np.sort(heights)[:3].max() - heights.min()))
+    feet = [name for name, height in zip(names, heights - heights.min(), strict=True) if height <= least]
+    first = ", ".join(f'"{name}"' for name in feet[:3])
+    held = f"--hold {','.join(feet)}:z" if abs(contact.up[2]) > 1 - 1e-9 else ""
+    held = f"{held}, in Python " if held else ""
+    return (
+        f"; statics leaves the scene's contact out: on a floor without friction it stands by the heights of its feet, "
+        f"{held}tmj.statics.stand(scene, [{first}])"
     )
 
 

@@ -12,6 +12,7 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.curves import draw_curves
 from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figure, note
+from tensegrity_mj.pictures.ticks import prefix_ticks
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path_criticals import Kind
 from tensegrity_mj.statics.response import Response
@@ -52,6 +53,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
         scale = ScalarMappable(Normalize(0.0, largest), ListedColormap(palette.tension_colors(np.linspace(0, 1, 128))))
         bar = figure.colorbar(scale, ax=panel, shrink=0.7, label="tension [N]")
         bar.ax.tick_params(labelsize=8)
+        prefix_ticks(bar.ax)
     _space(panel)
     _scale_bar(panel)
     return figure
@@ -87,7 +89,7 @@ def response_figure(response: Response) -> Figure:
     """Force over displacement, the lowest stiffness, tensions and rod forces along a path."""
     path = response.path
     s = path.parameters
-    figure = new_figure(WIDTH, 6.4)
+    figure = new_figure(WIDTH, 7.4)
     panels = figure.subplots(2, 2)
     for number, curve in enumerate(response.curves[:CURVES]):
         color = palette.CYCLE[number % len(palette.CYCLE)]
@@ -101,8 +103,7 @@ def response_figure(response: Response) -> Figure:
             )
         for event in response.slack_events:
             panels[0, 0].plot(curve.displacement[event.point], curve.force[event.point], ".", ms=4, color=palette.SLACK)
-    frame(panels[0, 0], "force over displacement", y="[N]")
-    panels[0, 0].set_xlabel("[m]", fontsize=9)
+    frame(panels[0, 0], "force over displacement", "displacement [m]", "force [N]", below=True)
     low = path.lowest.copy()
     low[~np.isfinite(low)] = np.nan
     panels[0, 1].plot(s, low, color=palette.CYCLE[0], lw=1.4)
@@ -110,7 +111,7 @@ def response_figure(response: Response) -> Figure:
     for kind in dict.fromkeys(critical.kind for critical in path.criticals):
         points = [critical.parameter for critical in path.criticals if critical.kind is kind]
         panels[0, 1].plot(points, np.zeros(len(points)), label=kind.value, **_mark(kind))
-    frame(panels[0, 1], "lowest stiffness", y="[N/m]")
+    frame(panels[0, 1], "lowest stiffness", x="parameter", y="stiffness [N/m]", below=True)
     structure = path.model.structure
     for event in response.slack_events:
         panels[1, 0].plot(event.parameter, 0.0, ".", ms=4, color=palette.SLACK)
@@ -122,9 +123,7 @@ def response_figure(response: Response) -> Figure:
             draw_curves(panel, s, values, [one.name for one in members])
         else:
             note(panel, "none")
-        frame(panel, title, y="[N]")
-    for panel in (panels[0, 1], panels[1, 0], panels[1, 1]):
-        panel.set_xlabel("parameter", fontsize=9)
+        frame(panel, title, "parameter", "force [N]", below=True)
     return figure
 
 

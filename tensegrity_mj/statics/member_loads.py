@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.model.plausibility import hardly_possible
 from tensegrity_mj.model.structure import Structure
 
 
@@ -125,6 +126,8 @@ class MemberLoads:
     def unchecked(self) -> tuple[str, ...]:
         """What cannot be compared: "rod 'r1' (yield)", "string 's1' (strength)", "rod 'r2' (its force is a choice)"."""
         found = [f"rod '{name}' (its force is a choice)" for name in self.chosen]
+        for column, rods in hardly_possible(self.structure).items():
+            found += [f"rod '{rod.name}' (its {column} is hardly possible)" for rod, _ in rods]
         for rod in self.structure.rods:
             if rod.section is None:
                 found.append(f"rod '{rod.name}' (yield, buckling)")

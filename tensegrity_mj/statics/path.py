@@ -171,7 +171,11 @@ class PathSearch:
         state = starting_state(self.start, self.loads, self.holds)
         model = state.model
         if not np.any(model.loads) and not np.any(model.boundary.moved):
-            raise OptionError("follow: nothing depends on the parameter; give loads, or holds with a displacement")
+            raise OptionError(
+                "a path (follow, --path) increases only what further loads and moved holds give (loads, holds; --load, "
+                "--hold NODE=X,Y,Z); the loads of the scene itself stay constant, and nothing else was given: give at "
+                "least one"
+            )
         if goal == state.parameter:
             raise OptionError(f"to = {self.to!r}: the start is there already, a path of no length; give another value")
         walk, first = begin(state, goal, self.direction)

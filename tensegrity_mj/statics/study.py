@@ -19,6 +19,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
+from tensegrity_mj.model.plausibility import warnings_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Judgement
@@ -365,4 +366,4 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
         ),
         "strings that are to break later are whole": bool(scene.breaks),
     }
-    return tuple(note for note, holds in notes.items() if holds)
+    return (*(note for note, holds in notes.items() if holds), *warnings_of(scene.structure))

@@ -146,11 +146,12 @@ def _along(response: Response) -> list[Finding]:
         stable = "unstable" if change > 0 else "stable again"
         text = f"{motions} {stable} at parameter {critical.parameter:.6g}: {critical.kind.value}"
         found.append(Finding(Mark.LIMITED, text, "critical"))
-    for event in response.slack_events[:SHOWN]:
-        now = "slack" if event.slack else "taut"
-        found.append(Finding(Mark.LIMITED, f"'{event.string}' is {now} from parameter {event.parameter:.4g}", "event"))
-    if len(response.slack_events) > SHOWN:
-        found.append(Finding(None, f"and {len(response.slack_events) - SHOWN} more"))
+    events = [
+        f"'{event.string}' is {'slack' if event.slack else 'taut'} from parameter {event.parameter:.4g}"
+        for event in response.slack_events
+    ]
+    if events:
+        found.append(Finding(Mark.LIMITED, listed(events), "events"))
     first = response.first_violation
     if first is not None:
         text = f"from parameter {first.time:.4g}: '{first.member}' by {first.criterion.value}"

@@ -10,6 +10,7 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.basics.dependencies import of_extra
 from tensegrity_mj.errors import ClusterError, MissingLibraryError, OptionError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, unable
 
@@ -17,7 +18,7 @@ try:
     from distributed import Client, Future, KilledWorker
 except ImportError as error:
     raise MissingLibraryError(
-        f"a cluster needs Dask, and '{error.name}' is missing: python -m pip install 'tensegrity-mj[cluster]'"
+        f"a cluster needs Dask, and '{error.name}' is missing: python -m pip install {of_extra('cluster')}"
     ) from error
 
 CONNECT_TIMEOUT = 20  # s

@@ -185,4 +185,4 @@ def parameter_label(path: str) -> str:
 def measure_label(name: str) -> str:
     """A measure for people, with its unit."""
     unit = MEASURES[name].unit
-    return name.replace("_", " ") + (f" [{unit}]" if unit else "")
+    return name.replace("_", " ") + (f" ({unit})" if unit == LAW else f" [{unit}]" if unit else "")

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from panels import check_one_prefix, check_panels, unit_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import build_parser
 from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import Outcome
+from tensegrity_mj.pictures import page as page_module
+from tensegrity_mj.pictures.figure import print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 
 COMMANDS = {
@@ -72,11 +75,24 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_text_page_and_json_of_a_command_are_one_list(command: str, folder: Path) -> None:
+def test_text_page_and_json_of_a_command_are_one_list(
+    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    units: set[str] = set()
+
+    def drawn(figure: Any, *rest: Any) -> None:
+        units.update(check_panels(figure))
+        print_png(figure, *rest)
+
+    monkeypatch.setattr(page_module, "print_png", drawn)
     outcome = answered(COMMANDS[command], folder)
+    assert units or command not in ("statics",)
     answer, (page,) = outcome.answer, sorted((folder / "out").rglob("*.html"))
     judged = answer["scenes"][0] if command == "tradeoff" else answer
-    verdict, findings = shown(page.read_text(encoding="utf-8"))
+    text = page.read_text(encoding="utf-8")
+    verdict, findings = shown(text)
+    units |= {unit_of(html.unescape(head)) for head in re.findall(r"<th>([^<]*\])</th>", text)}
+    check_one_prefix(units)
     assert verdict
     assert verdict == judged["verdict"]
     assert sorted(findings) == sorted(told(judged["findings"]))

@@ -270,7 +270,7 @@ def test_what_falls_has_no_equilibrium(capsys: pytest.CaptureFixture[str]) -> No
         (["truss_arm", "--hold", "t4:z=0.1,0,0"], "not along its directions"),
         (["truss_arm", "--hold", "b0=0,0,0.1"], "contradict a support"),
         (["prism", "--points", "5"], "needs --path"),
-        (["prism", "--path"], "nothing depends on the parameter"),
+        (["prism", "--path"], "the loads of the scene itself stay constant"),
         (["truss_arm", *LOAD, "--path", "--method", "both"], "followed by Newton's method"),
         (["prism", "--broken", "s99"], "no string 's99'"),
         (["prism", "--rest-length", "s99=0.3"], "no string 's99'"),

@@ -85,12 +85,11 @@ def test_figure_5_7_shows_error_norms():
     assert line.get_linestyle() == "-"
 
 
-def test_several_rods_have_the_thesis_colours_and_r_is_dashed():
+def test_several_rods_have_the_thesis_colours_and_r_a_panel_of_its_own():
     run = two_rods()
-    errors, controls, multipliers = panels_of(plot_errors(run))[0]
+    errors, places, controls, multipliers = panels_of(plot_errors(run))[0]
     # No target: change since the start. b turns by t: a chord of 2 sin(t/2); r, the middle, goes round at its radius.
-    solid = [line for line in errors.lines if line.get_linestyle() == "-"]
-    dashed = [line for line in errors.lines if line.get_linestyle() == "--"]
+    solid, dashed = errors.lines, places.lines
     assert [line.get_color() for line in solid] == list(palette.CYCLE[:2])
     for line in solid:
         assert np.allclose(line.get_ydata(), 2.0 * np.sin(run.time / 2.0))

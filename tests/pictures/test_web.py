@@ -193,7 +193,7 @@ def test_names_from_a_file_stay_text() -> None:
 
 def test_without_plotly_the_error_has_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    with pytest.raises(MissingPackageError, match="python -m pip install plotly"):
+    with pytest.raises(MissingPackageError, match=r"python -m pip install \"plotly"):
         make_web_page(cone_scene())
 
 

@@ -772,7 +772,7 @@ def test_what_gives_way_at_the_start_is_said() -> None:
 
 def test_errors_name_what_is_wrong() -> None:
     model, holds, loads = STARTS["tower"]
-    with pytest.raises(OptionError, match="nothing depends on the parameter"):
+    with pytest.raises(OptionError, match="the loads of the scene itself stay constant"):
         follow(model, holds=[Hold(BASE)])
     with pytest.raises(OptionError, match="is there already"):
         follow(model, loads=loads, to=0.0)

@@ -635,6 +635,8 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["sweep", "pinned_rod", "--vary", "law.decay_rate=0.1,-1", *ALONE, "--measures", "end_time"]
     assert main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
+    assert lines.pop(0) == "1 of 2 points of pinned_rod ran to their end; 1 failed."
+    lines = lines[lines.index("") + 1 :]
     assert lines[0].split() == ["law.decay_rate", "status", "end", "time"]
     assert lines[1].split() == ["0", "0.1", "completed", "0.2"]
     assert lines[2].split() == ["1", "-1", "failed", "-"]

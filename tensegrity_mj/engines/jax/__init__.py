@@ -10,9 +10,9 @@ has it keep what it compiles for other processes.
 import os
 from pathlib import Path
 
-from tensegrity_mj.basics.dependencies import optional
+from tensegrity_mj.basics.dependencies import of_extra, optional
 
-jax, _ = (optional(package, "the engine JAX", "'.[jax]' in its checkout") for package in ("jax", "diffrax"))
+jax, _ = (optional(package, "the engine JAX", of_extra("jax")) for package in ("jax", "diffrax"))
 jax.config.update("jax_enable_x64", True)  # before any array is made: rods of 32 bits lose their lengths
 if jax.config.jax_compilation_cache_dir is None:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tensegrity-mj" / "jax"

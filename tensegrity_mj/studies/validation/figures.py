@@ -156,8 +156,8 @@ def _starts(data: Data) -> Iterator[Picture]:
         x, y = [one["amplitude"] for one in own["fractions"]], [one["converged"] for one in own["fractions"]]
         panel.plot(x, y, color=palette.CYCLE[number], ls=line_style(number), marker="o", ms=4, label=title(name))
     panel.set_ylim(-0.05, 1.05)
-    frame(panel, "", "amplitude of the perturbation [rad; of the mean rod length]", "part of the starts that converge")
-    yield Picture(figure, "Random starts of growing distance from the nominal one.")
+    frame(panel, "", "amplitude of the perturbation [1]", "part of the starts that converge")
+    yield Picture(figure, "Random starts of growing distance from the nominal one: in rad, and in mean rod lengths.")
 
 
 def _map(engine: str, rows: Any) -> Iterator[Picture]:

@@ -1,0 +1,114 @@
+"""One unit an axis in all panels of all plots, one prefix for forces on a page; commands' pages: test_judgements."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from analytic_runs import cone_run, planar_scene, run_of, two_masses
+from matplotlib.figure import Figure
+from panels import base_of, check_one_prefix, check_panels, unit_of
+
+import tensegrity_mj as tmj
+from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.pictures import plots
+from tensegrity_mj.pictures.figure import frame, new_figure
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.web import make_web_page
+from tensegrity_mj.runs.comparison import compare
+from tensegrity_mj.runs.trajectory import Trajectory
+
+
+def shaken() -> Trajectory:
+    """Crossed rods that shift by a tenth of a millimetre."""
+    scene, times = planar_scene((0, 0, 1)), np.linspace(0.0, 1.0, 11)
+    nodes = scene.structure.positions + 1e-4 * np.sin(times)[:, None, None] * np.array([1.0, 0.0, 0.0])
+    return run_of(scene, times, nodes, np.zeros_like(nodes), np.full((11, 4), 0.2))
+
+
+def masses() -> Trajectory:
+    scene, times = two_masses(), np.linspace(0.0, 1.0, 5)
+    nodes = scene.structure.positions[None] + times[:, None, None] * np.array([0.0, 2e-3, 0.0])
+    return run_of(scene, times, nodes, np.zeros_like(nodes), np.zeros((5, 1)))
+
+
+PLOTS = {
+    "run": lambda: plots.plot_run([cone_run(), cone_run()]),
+    "errors": lambda: plots.plot_errors([cone_run(), shaken()]),
+    "errors of masses": lambda: plots.plot_errors(masses()),
+    "motion": lambda: plots.plot_motion(shaken()),
+    "coordinates": lambda: plots.plot_coordinates(cone_run()),
+    "comparison": lambda: plots.plot_comparison(compare(cone_run(), cone_run()), runs=[cone_run(), cone_run()]),
+    "clearance": lambda: plots.plot_clearance(tmj.clearance(shaken(), over_time=True)),
+    "landscape": lambda: plots.landscape(from_scene(tmj.load_scene("pinned_rod")), cone_run()),
+    "paths": lambda: plots.plot_paths(shaken()),
+}
+
+
+@pytest.mark.parametrize("paper", [False, True])
+@pytest.mark.parametrize("name", PLOTS)
+def test_axes_of_plots_have_one_unit_each(name: str, paper: bool) -> None:
+    if paper:
+        with plots.paper(1):
+            figure: Figure = PLOTS[name]()
+    else:
+        figure = PLOTS[name]()
+    check_panels(figure)
+
+
+def test_directions_and_places_have_axes_of_their_own_and_ticks_of_their_size() -> None:
+    run = shaken()
+    turns, shifts, *_ = plots.plot_errors(run).subfigs[0].axes
+    shifts.figure.figure.draw_without_rendering()
+    assert turns.get_ylabel().endswith("[1]")
+    assert shifts.get_ylabel() == "distance [µm]"
+    # The largest shift is 1e-4 sin 1 m, 84.1 µm.
+    largest = max(float(line.get_ydata().max()) for line in shifts.lines)
+    assert largest == pytest.approx(1e-4 * np.sin(1.0))
+    written = [float(text.get_text().replace("−", "-")) for text in shifts.get_yticklabels()]
+    assert 50 < max(written) < 120
+
+
+def test_under_a_law_without_a_target_rest_lengths_are_shown() -> None:
+    scene = tmj.load_scene("prism_drop")
+    times = np.linspace(0.0, 1.0, 5)
+    nodes = np.broadcast_to(scene.nodes0, (5, *scene.nodes0.shape))
+    run = run_of(scene, times, nodes, np.zeros_like(nodes), np.full((5, 12), 0.2))
+    run.provenance["controller"] = {"law": "own"}
+    panels = plots.plot_run(run).subfigs[0].axes
+    assert [panel.get_ylabel() for panel in panels] == ["height [m]", "tension [N]", "rest length [m]", "force [N]"]
+    assert np.allclose(panels[2].lines[0].get_ydata(), run.rest_lengths[:, :3].mean(axis=1))
+
+
+def test_a_page_has_one_prefix_for_forces(tmp_path: Path) -> None:
+    figures = []
+    for top in (2.0, 5e4):
+        figures.append(new_figure(3.0, 2.0))
+        panel = figures[-1].subplots()
+        panel.plot([0, 1], [0, top])
+        frame(panel, "", "place [m]", "force [N]")
+    table = Table("", ("rod", "force [N]", "length [m]"), [("a", 5.77, 0.25), ("b", None, 0.5), ("c", float("nan"), 1)])
+    sections = [Section("S", (), [Picture(figures[0]), Picture(figures[1]), table])]
+    text = write_sections(tmp_path / "p.html", "T", "", sections).read_text(encoding="utf-8")
+    assert [figure.axes[0].get_ylabel() for figure in figures] == ["force [kN]"] * 2
+    assert "<th>force [kN]</th>" in text
+    assert '<td class="n">0.00577</td>' in text
+    assert '<td class="n">0.25</td>' in text
+    assert table.rows[0][1] == 5.77  # the table given is as it was
+
+
+def test_the_page_in_3d_writes_its_scale_in_one_unit() -> None:
+    run = cone_run()
+    html = make_web_page(run).text
+    (unit,) = re.findall(r'"tick_texts": ?\[[^\]]*\], ?"unit": ?"([^"]*)"', html)
+    assert base_of(unit) == "N"
+
+
+@pytest.mark.parametrize("label", ["b [1], r [mm]", "amplitude [rad; of the mean rod length]", "x [m1]", "x [m] or so"])
+def test_the_check_sees_what_it_is_for(label: str) -> None:
+    with pytest.raises(AssertionError):
+        base_of(unit_of(label))
+    with pytest.raises(AssertionError):
+        check_one_prefix({"N", "kN"})
