@@ -54,7 +54,8 @@ def known_scene(structure: Structure, gravity: tuple[float, float, float], known
         OptionError: for what cannot act there, for two waters or resistances, and for elements with a state.
         SceneError: where it does not fit, see `Scene`.
     """
-    given = list(known) if isinstance(known, Iterable) and not isinstance(known, str) else [known]
+    several = isinstance(known, Iterable) and not isinstance(known, (str, np.ndarray))
+    given = list(known) if several else [known]
     of_kind: dict[type, list[Any]] = {Load: [], Resistance: [], Water: [], Element: []}
     for one in given:
         kind = next((kind for kind in of_kind if isinstance(one, kind)), None)

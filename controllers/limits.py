@@ -57,7 +57,7 @@ class StringLimits:
             highest = np.broadcast_to(np.asarray(maximum, float), (size,))
             if not np.all(highest >= 0):
                 raise ValueError
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise OptionError(
                 f"maximum_force_density = {maximum!r}; it must be a number >= 0 or an array of shape ({size},) [N/m], "
                 "inf for no limit"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import check_known, sequence_of
+from tensegrity_mj.basics.checks import check_known, instance, sequence_of
 from tensegrity_mj.controllers.replay import Cubics
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, check_made_for
@@ -48,6 +48,7 @@ class Program(Cubics):
         gravity: Any = None,
         known: Any = (),
     ) -> None:
+        instance("structure", structure, Structure, "use a Structure (scene.structure)")
         self.structure = structure
         rows = [
             _move(f"program: moves[{place}]", row) for place, row in enumerate(sequence_of("program: moves", moves))

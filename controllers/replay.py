@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.checks import checked, member, positive
+from tensegrity_mj.basics.kinds import flag
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import SOLVED, Command, NativeLaw
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats
@@ -103,10 +104,10 @@ class Replay(Cubics):
         member("replay: command", command, Command)
         try:
             self.times, self.values = np.array(times, float), np.array(values, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             self.times, self.values = np.zeros(0), np.zeros(0)
         self.command = command
-        self.held = bool(held)
+        self.held = checked("replay: held", held, flag())
         self.period = None if period is None else positive("replay: period", period, "s")
         if self.times.ndim != 1 or len(self.times) < 2 or self.values.ndim != 2 or len(self.values) != len(self.times):
             raise OptionError(

@@ -43,7 +43,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
     given = dict(options or {})
     if law is SCENE_LAW and scene.control is not None:
         return _of_name(scene.control.law, given)
-    if law in (None, "none", SCENE_LAW):
+    if law is None or law is SCENE_LAW or (isinstance(law, str) and law == "none"):
         if given:
             raise OptionError(f"law_options: {', '.join(given)}: there is no law that could have them; give law, too")
         return NO_LAW

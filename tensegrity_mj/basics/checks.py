@@ -127,7 +127,7 @@ def instance(what: str, value: Any, of: type | tuple[type, ...], remedy: str) ->
 
 def check_known(where: str, name: str, names: Collection[str], what: str) -> None:
     """Raise OptionError, with the name that was probably meant, unless it is among those that there are of a kind."""
-    if name not in list(names):  # what cannot be hashed, as a list, is refused as well
+    if not isinstance(name, str) or name not in names:
         raise OptionError(f"{where}: {unknown(str(name), names, what)}")
 
 

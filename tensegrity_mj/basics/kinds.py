@@ -152,8 +152,8 @@ def flag() -> Kind:
 def text() -> Kind:
     def plain(value: Any) -> str:
         try:
-            value.encode()
-        except (AttributeError, UnicodeEncodeError):
+            str.encode(value)
+        except (TypeError, UnicodeEncodeError):
             raise not_allowed(value, "a text that UTF-8 can hold") from None
         return str(value)
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import PRESTRESS, PointMass, Rod, String, Vector, unit_rows
 from tensegrity_mj.model.structure_checks import check_ends, check_lengths, check_prestress
@@ -119,6 +120,10 @@ def expanded(structure: Structure) -> dict[str, Any]:
     Raises:
         StructureError: where a rope's ends do not fit, or a name that it needs is another's.
     """
+    if not isinstance(structure.ropes, tuple) or not all(isinstance(one, Rope) for one in structure.ropes):
+        raise StructureError(
+            f"structure '{structure.name}': ropes = {value_text(structure.ropes)}; leave it out"
+        )
     if not structure.ropes and all(string.mass is None for string in structure.strings):
         return {}
     given = as_given(structure)

@@ -19,9 +19,11 @@ PATH = kinds.printable_name("a text, such as law.decay_rate")
 
 
 def _values(value: Any) -> tuple[Any, ...]:
-    if isinstance(value, (str, Mapping, Scaled)) or not hasattr(value, "__iter__"):
-        raise Wrong(f" = {value!r}; give a list of them")
-    listed = tuple(one if isinstance(one, Scaled) else plain(one, "values") for one in value)
+    try:
+        given = kinds.sequence("" if isinstance(value, (Mapping, Scaled)) else value)
+    except Wrong:
+        raise Wrong(f" = {value!r}; give a list of them") from None
+    listed = tuple(one if isinstance(one, Scaled) else plain(one, "values") for one in given)
     if not listed:
         raise Wrong(": give at least one value")
     return listed

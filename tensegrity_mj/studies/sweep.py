@@ -70,14 +70,17 @@ class Sweep:
     draws: Sequence[Draw] = field(kinds.parts(Draw, "Draw(parameter, distribution)"), default=())
     samples: int = field(kinds.whole(1), default=1)
     seed: int | None = field(kinds.whole(0), default=None, none="None where nothing is drawn")
-    fixed: Mapping[str, Any] = field(None, factory=dict)
+    fixed: Mapping[str, Any] = field(
+        kinds.mapping(kinds.text(), kinds.Kind(lambda one: one), "a mapping of paths to values", "parameter"),
+        factory=dict,
+    )
     engine: Any = field(None, default=None)
     law: AnyLaw | str | os.PathLike[str] = field(None, default=SCENE_LAW)
-    actuation: Actuation = field(None, factory=Actuation.continuous)
-    on_infeasible: OnInfeasible = field(None, default=OnInfeasible.STOP)
-    output_interval: float | None = field(None, default=None)
-    keep_trajectories: bool = field(None, default=False)
-    family: str = field(None, default="")
+    actuation: Actuation = field(kinds.part(Actuation), factory=Actuation.continuous)
+    on_infeasible: OnInfeasible = field(kinds.choice(OnInfeasible), default=OnInfeasible.STOP)
+    output_interval: float | None = field(kinds.positive("s"), default=None, none="None for the engine's own")
+    keep_trajectories: bool = field(kinds.flag(), default=False)
+    family: str = field(kinds.text(), default="")
 
     def __attrs_post_init__(self) -> None:
         if not isinstance(self.scene, Scene):

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, member, state_of
+from tensegrity_mj.basics.checks import checked, instance, member, state_of
+from tensegrity_mj.basics.kinds import text
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -55,16 +56,17 @@ class CompiledLaw:
     discontinuous: str = ""
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
+        if not callable(self.function) or isinstance(self.function, type):
             raise OptionError(
                 f"CompiledLaw: function = {self.function!r}; it must be a function that numba can compile"
             )
         instance("CompiledLaw: structure", self.structure, Structure, "use a Structure (scene.structure)")
         object.__setattr__(self, "structure", self.structure.massless)
         member("CompiledLaw: command", self.command, Command)
+        checked("CompiledLaw: discontinuous", self.discontinuous, text())
         try:
             parameters = np.array(self.parameters, float).ravel()
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             parameters = np.array([np.nan])
         if not np.all(np.isfinite(parameters)):
             raise OptionError(f"CompiledLaw: parameters = {self.parameters!r}; they must be finite numbers")

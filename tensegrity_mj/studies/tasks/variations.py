@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import sequence_of
-from tensegrity_mj.basics.texts import unknown, value_text
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.checks import checked, sequence_of
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
@@ -22,6 +23,8 @@ from tensegrity_mj.studies.tasks.definition import Task
 # What else may vary, by its field: control periods until a command is taken up, and standard deviations of measured
 # nodes and their velocities [m], [m/s], as of `controllers.Delayed` and `Noisy`.
 LOOP = {"delay": "delay", "noise.position": "position_noise", "noise.velocity": "velocity_noise"}
+
+SETTINGS = kinds.mapping(kinds.text(), kinds.Kind(lambda one: one), "a mapping of paths to values", "parameter")
 
 
 @dataclass(frozen=True)
@@ -47,9 +50,7 @@ class Variations:
     """
 
     def __init__(self, task: Task, parameters: Mapping[str, Any] | None, draws: Sequence[Draw]) -> None:
-        if not isinstance(parameters or {}, Mapping):
-            raise OptionError(f"parameters = {value_text(parameters)}; it must be a mapping of paths to values")
-        scene, settings = task.scene, dict(parameters or {})
+        scene, settings = task.scene, checked("parameters", {} if parameters is None else parameters, SETTINGS)
         draws = sequence_of("draws", draws)
         for draw in draws:
             if not isinstance(draw, Draw):

@@ -23,6 +23,7 @@ from tensegrity_mj.studies.tasks.robots import task_of
 from tensegrity_mj.studies.tasks.variations import Variations
 
 ACTIONS = ("length", "speed")
+MOST_ROBOTS = 100_000  # each has some 50 kB in MuJoCo
 LARGEST = 1e6  # of what is observed, in its unit: no robot that has not diverged comes near it
 Ids = NDArray[np.int64]
 
@@ -88,7 +89,7 @@ class World:
         most = task.steps if max_episode_steps is None else max_episode_steps
         endless = isinstance(most, int) and most == -1
         self._most: int = LONGEST if endless else checked("max_episode_steps", most, whole(1, LONGEST))
-        self.count: int = checked("number of robots", count, whole(1))
+        self.count: int = checked("number of robots", count, whole(1, MOST_ROBOTS))
         self.variations = Variations(task, parameters, draws)
         start, goal = task.start, task.goal
         found = {"start": start and (start.displacement or start.speed), "goal": goal and any(goal.reach)}
@@ -100,7 +101,7 @@ class World:
             name = scene.structure.strings[int(np.argmax(np.isinf(speed)))].name
             raise OptionError(f"action = 'speed': the winch of string '{name}' has no winch_speed; give it one")
         self._stroke = speed * task.period if action == "speed" else None
-        self.fleet = Fleet(scene, engine, task.period, self.count, checked("threads", threads, whole(0)))
+        self.fleet = Fleet(scene, engine, task.period, self.count, checked("threads", threads, whole(0, 1024)))
         M, N = len(scene.structure.strings), len(scene.structure.nodes)
         self.steps = np.zeros(self.count, np.int64)
         self._noise, self._delay = np.zeros((self.count, 2)), np.zeros(self.count, np.int64)
