@@ -121,9 +121,7 @@ def expanded(structure: Structure) -> dict[str, Any]:
         StructureError: where a rope's ends do not fit, or a name that it needs is another's.
     """
     if not isinstance(structure.ropes, tuple) or not all(isinstance(one, Rope) for one in structure.ropes):
-        raise StructureError(
-            f"structure '{structure.name}': ropes = {value_text(structure.ropes)}; leave it out"
-        )
+        raise StructureError(f"structure '{structure.name}': ropes = {value_text(structure.ropes)}; leave it out")
     if not structure.ropes and all(string.mass is None for string in structure.strings):
         return {}
     given = as_given(structure)

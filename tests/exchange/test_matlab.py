@@ -222,6 +222,21 @@ def test_all_forms_of_numbers_are_read(tmp_path: Path) -> None:
     assert "0.01 m; it changes pictures and contact only" in notes
 
 
+@pytest.mark.parametrize("given", ["force density", "rest length"])
+def test_the_stiffness_of_a_string_is_that_of_its_rest_length(given: str, tmp_path: Path) -> None:
+    """k = E A / L0, with L0 = L (1 - q/k) of a force density q: E A / L + q; the tension is q L."""
+    E, area, q = 1e5, 2e-3, np.array([30.0, 40.0, 50.0, 60.0])
+    length = np.full(4, np.sqrt(2))
+    rest = length * (1 - q / (E * area / length + q))
+    own = {"q": q} if given == "force density" else {"s_0": rest}
+    structure = import_scene(saved(tmp_path, N=SQUARE, C_b=DIAGONALS, C_s=SIDES, m=1.0, Es=E, A_s=area, **own)).scene
+    found = structure.structure
+    # Some operations on numbers of that size.
+    np.testing.assert_allclose(found.stiffness, E * area / length + q, rtol=1e-14)
+    np.testing.assert_allclose(found.rest_lengths, rest, rtol=1e-14)
+    np.testing.assert_allclose(found.stiffness * (length - found.rest_lengths), q * length, rtol=1e-12)
+
+
 GOOD: dict[str, Any] = {"N": SQUARE, "C_b": DIAGONALS, "C_s": SIDES, "m": 1.0, "k": 10.0}
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no nodes": ({"N": None}, "there is no variable N (3, n) of nodes; read were: C_b, C_s, m, k"),

@@ -97,6 +97,44 @@ bond_groups:
     assert [set(string.nodes) for string in structure.strings] == [{"s1.a", "s2.a"}, {"s1.b", "s2.b"}, {"s2.b", "s3.b"}]
 
 
+@pytest.mark.parametrize("order", [("string", "rod"), ("rod", "string")])
+def test_a_rigid_builder_holds_over_a_cables_and_the_last_over_the_first(
+    order: tuple[str, str], tmp_path: Path
+) -> None:
+    """Whatever their order: a pair whose tags are those of both is a rod."""
+    builders = {
+        "string": "{class: tgBasicActuatorInfo, parameters: {stiffness: 3000, pretension: 0}}",
+        "rod": "{class: tgRodInfo, parameters: {density: 3, radius: 0.1}}",
+    }
+    lines = "".join(f"  {tag}: {builders[tag]}\n" for tag in order)
+    text = (
+        "nodes: {a: [0, 0, 0], b: [0, 0, 10], c: [5, 0, 0], d: [5, 0, 10]}\n"
+        "pair_groups: {string rod: [[a, b]], string: [[a, c], [b, d]], rod thick: [[c, d]]}\n"
+        f"builders:\n{lines}  rod thick: {{class: tgRodInfo, parameters: {{density: 3, radius: 0.2}}}}\n"
+    )
+    structure = import_scene(written(tmp_path, text)).scene.structure
+    assert {rod.nodes: rod.radius for rod in structure.rods} == pytest.approx({("a", "b"): 0.01, ("c", "d"): 0.02})
+    assert sorted(string.nodes for string in structure.strings) == [("a", "c"), ("b", "d")]
+
+
+def test_two_strings_between_the_same_nodes_pull_with_both_tensions(tmp_path: Path) -> None:
+    """One stands for both: stiffness, damping and tension are sums; tensions are 40 and 60 times 0.1 N."""
+    one = "{class: tgBasicActuatorInfo, parameters: {stiffness: %d, pretension: %d, damping: %d}}"
+    text = (
+        "nodes: {a: [0, 0, 0], b: [0, 0, 10], c: [5, 0, 0], d: [5, 0, 10]}\n"
+        "pair_groups: {rod: [[a, b], [c, d]], thin: [[a, c]], thick: [[c, a]]}\n"
+        "builders: {rod: {class: tgRodInfo, parameters: {density: 3, radius: 0.1}}, "
+        f"thin: {one % (2000, 40, 5)}, thick: {one % (3000, 60, 7)}}}\n"
+    )
+    found = import_scene(written(tmp_path, text))
+    (string,) = found.scene.structure.strings
+    assert (string.stiffness, string.damping) == (5000.0, 12.0)
+    length = 0.5  # m
+    assert string.rest_length is not None
+    assert string.stiffness * (length - string.rest_length) == pytest.approx(10.0, rel=1e-12)
+    assert "one string stands for both" in " ".join(found.notes)
+
+
 def test_an_outer_builder_holds_over_an_inner_one_and_what_none_builds_is_listed(tmp_path: Path) -> None:
     written(
         tmp_path,

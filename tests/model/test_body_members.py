@@ -13,11 +13,18 @@ import tensegrity_mj as tmj
 from tensegrity_mj.model import Body, format_schema, rods
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 
 
 def solid(**changes):
     return tmj.Structure("solid", CORNERS, bodies=(stone(**changes),))
 
+
+def solid_of(body):
+    return tmj.Structure("solid", CORNERS, bodies=(body,))
+
+
+TURNING = np.cross([2.0, -1.0, 1.5], np.array(list(CORNERS.values())) - CENTER)  # m/s, about its centre of mass
 
 WRONG = {
     "three nodes": (lambda: stone(nodes=("a", "b", "c")), r"body 'stone': nodes = .*four or more"),
@@ -100,6 +107,24 @@ def test_moved_and_mirrored_bodies_have_the_same_energy_and_weight():
         assert frame.fit[0].sum() == pytest.approx(1.0, rel=1e-14)
     assert there.bodies[0].center == pytest.approx(rotation @ CENTER + [1, 2, 3], abs=1e-15)
     assert there.moved(rotation.T).moved(None, -(rotation.T @ [1, 2, 3])).bodies[0].inertia == pytest.approx(MOMENTS)
+
+
+def test_a_heavier_body_turns_more_slowly():
+    """Its moments grow with its mass, and so does the energy of a turn."""
+    body = stone()
+    heavy = body.times(2.5)
+    assert (heavy.mass, heavy.nodes, heavy.center) == (2.5 * body.mass, body.nodes, body.center)
+    np.testing.assert_allclose(heavy.inertia_matrix, 2.5 * body.inertia_matrix, rtol=1e-15)
+    scene = disturbed(slung(), Disturbance(Quantity.MASS, 2.5))
+    assert scene.structure.bodies == (slung().structure.bodies[0].times(2.5),)
+    kinetic = [
+        tmj.simulate(one, None, tmj.DAE(), duration=0.01).kinetic_energy[0]
+        for one in (
+            tmj.Scene(solid(), initial_velocities=TURNING),
+            tmj.Scene(solid_of(heavy), initial_velocities=TURNING),
+        )
+    ]
+    assert kinetic[1] == pytest.approx(2.5 * kinetic[0], rel=1e-12)
 
 
 def test_merged_structures_have_both_bodies():

@@ -216,6 +216,38 @@ def test_numbers_of_strings_are_those_of_ropes_or_of_their_parts() -> None:
         structure.with_strings(damping=[1.0, 2.0])
 
 
+def test_a_rope_that_is_tied_elsewhere_is_straight_there() -> None:
+    """A shape of its own is kept where it hangs, and no longer where it has other ends or another number of points."""
+    structure = rope(3).structure
+    bent = {f"s1.{n}": (n / 2, 0.1, -0.2 * n) for n in (1, 2, 3)}
+    hanging = replace(structure, nodes={**structure.nodes, **bent, "c": (0.0, 3.0, 0.0)}, fixed_nodes=("a", "b", "c"))
+    assert {name: hanging.nodes[name] for name in bent} == bent
+    assert replace(hanging, name="other").nodes == hanging.nodes
+    given = hanging.given.strings[0]
+    stiffer = replace(hanging, strings=(replace(given, stiffness=2e4),))
+    assert {name: stiffer.nodes[name] for name in bent} == bent
+    tied = replace(hanging, strings=(replace(given, nodes=("a", "c")),))
+    np.testing.assert_allclose([tied.nodes[name] for name in bent], [(0, y, 0) for y in (0.5, 1.5, 2.5)], atol=1e-15)
+    shorter = replace(hanging, strings=(replace(given, segments=2),))
+    np.testing.assert_allclose([shorter.nodes[f"s1.{n}"] for n in (1, 2)], [(0.5, 0, 0), (1.5, 0, 0)], atol=1e-15)
+
+
+def test_the_mass_of_a_rope_is_that_of_its_points() -> None:
+    """Changed alike it is the rope's; a point that has another mass is no part of a rope."""
+    structure = rope(4, mass=0.4).structure
+
+    def weighed(*masses: float) -> tmj.Structure:
+        points = zip(structure.point_masses, masses, strict=True)
+        return replace(structure, point_masses=tuple(replace(point, mass=mass) for point, mass in points))
+
+    heavy = weighed(*[0.2] * 4)
+    assert heavy.given.strings[0].mass == pytest.approx(0.8, rel=1e-15)
+    assert [point.mass for point in replace(heavy, name="other").point_masses] == [0.2] * 4
+    assert weighed(*[0.1] * 4).given.strings[0].mass == 0.4
+    loose = weighed(0.1, 0.1, 0.1, 0.2)
+    assert (loose.ropes, [point.mass for point in loose.point_masses]) == ((), [0.1, 0.1, 0.1, 0.2])
+
+
 def test_an_equilibrium_is_kept_where_it_hangs(tmp_path) -> None:  # type: ignore[no-untyped-def]
     scene = rope(5, mass=1.0, rest_length=2.5).with_(gravity=(0.0, 0.0, -G))
     found = find_equilibrium(scene).scene("hanging")

@@ -29,8 +29,10 @@ SEAS = {
     "pierson": IrregularSea("pierson_moskowitz", HEIGHT, PERIOD),
     "jonswap": IrregularSea("jonswap", HEIGHT, PERIOD),
     "sharp": IrregularSea("jonswap", HEIGHT, PERIOD, peak_enhancement=7.0),
+    "broad": IrregularSea("jonswap", HEIGHT, PERIOD, peak_enhancement=1.5),
+    "none": IrregularSea("jonswap", HEIGHT, PERIOD, peak_enhancement=1.0),
 }
-GAMMA = {"pierson": 1.0, "jonswap": 3.3, "sharp": 7.0}
+GAMMA = {"pierson": 1.0, "jonswap": 3.3, "sharp": 7.0, "broad": 1.5, "none": 1.0}
 
 
 def published(name: str, omega: float) -> float:

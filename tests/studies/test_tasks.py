@@ -129,6 +129,36 @@ def test_a_delay_holds_commands_back_and_speeds_add_up() -> None:
     np.testing.assert_allclose(speeds[-1].rest_lengths[0] - designed, 6 * 0.5 * 0.2 * 0.04, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("action", ["length", "speed"])
+def test_what_is_beyond_the_limits_of_an_action_is_taken_for_the_limit(action: str) -> None:
+    """Winches are no faster, and strings neither shorter nor longer, than they may be."""
+    task = task_of("PrismReach")
+    signs = np.where(random_actions(task, 6) > 0, 1.0, -1.0)
+    within, beyond = (played(World(task, action=action), scale * signs) for scale in (1, 5))
+    np.testing.assert_array_equal([one.rest_lengths for one in within], [one.rest_lengths for one in beyond])
+    moved = np.abs(np.diff([one.rest_lengths[0] for one in beyond], axis=0))
+    assert moved.max() == pytest.approx(0.2 * 0.04, rel=1e-12)  # winches of 0.2 m/s, periods of 40 ms
+    far = played(World(task, action="speed"), np.full((40, 6), -5.0))  # 40 · 8 mm: farther than to the shortest
+    np.testing.assert_array_equal(far[-1].rest_lengths[0], task.low)
+
+
+def test_a_string_that_broke_has_no_tension() -> None:
+    """It breaks after two periods, stretched; the others pull on, and a robot that starts anew has it whole."""
+    scene = tmj.load_scene("prism")
+    scene = scene.with_(breaks=(tmj.model.Break("s1", 0.2),), contact=None, control=None)
+    short = 0.8 * scene.structure.rest_lengths
+    task = Task(scene, rising, short, short, ("tensions",))
+    world = World(task)
+    states = played(world, np.zeros((5, 12)))
+    assert all(state.tensions[0, 0] > 0 for state in states[:2])
+    for state in states[3:]:
+        assert state.lengths[0, 0] > state.rest_lengths[0, 0]
+        assert state.tensions[0, 0] == task.observe(state)["tensions"][0, 0] == 0
+        assert state.tensions[0, 1:].max() > 0
+    world.start(ONE, [np.random.default_rng(0)])
+    assert world.step(ONE, np.zeros((1, 12))).observation[0, 0] > 0
+
+
 def test_limits_of_winches_are_kept() -> None:
     task = task_of("SixBarRoll")
     states = played(World(task), np.where(random_actions(task, 10) > 0, 1.0, -1.0))
