@@ -238,6 +238,27 @@ def test_the_stiffness_of_a_string_is_that_of_its_rest_length(given: str, tmp_pa
 
 
 GOOD: dict[str, Any] = {"N": SQUARE, "C_b": DIAGONALS, "C_s": SIDES, "m": 1.0, "k": 10.0}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"Pinned_nodes": np.array([[1.0, 1, 1, 1], [3, 0, 0, 1]])},
+        {"fixedNodes": np.array([[1.0, 0, 0, 0], [1, 0, 0, 0], [1, 0, 1, 0]])},
+        {"pinned_X": 1.0, "pinned_Y": 1.0, "pinned_Z": np.array([1.0, 3])},
+        {"pinned_nodes": 1.0, "pinned_Z": 3.0},
+    ],
+    ids=["rows", "matrix", "axes", "nodes"],
+)
+def test_supports_are_the_same_in_every_form(given: dict[str, Any], tmp_path: Path) -> None:
+    """Node 1 is held in all axes and node 3, the bar's other end, in z: the bar is pinned, and turns in its plane."""
+    structure = import_scene(saved(tmp_path, **GOOD, **given)).scene.structure
+    first, second = structure.rods
+    assert first.nodes == ("n1", "n3")
+    assert first.support == replace(tmj.Support.pinned(0.0), plane=(0.0, 0.0, 1.0))
+    assert second.support == tmj.Support()
+
+
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no nodes": ({"N": None}, "there is no variable N (3, n) of nodes; read were: C_b, C_s, m, k"),
     "nodes of a wrong shape": ({"N": np.ones((2, 4))}, "N: its shape is (2, 4); it must be (3, n), a column a node"),

@@ -93,6 +93,23 @@ def test_tables_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
         assert any(f"scene's {key}" in note for note in notes) == held
 
 
+@pytest.mark.parametrize("way", ["rest_length", "tension", "force_density"])
+def test_two_members_between_the_same_nodes_are_one_string_with_what_both_have(way: str, tmp_path: Path) -> None:
+    """Stiffness, damping, tension and mass add up, whichever of them is first; strings are 2 m long."""
+    nodes = "name,x,y,z,fixed\na,0,0,0,xyz\nb,2,0,0,xyz\n"
+    numbers = {"rest_length": (1.9, 1.8), "tension": (10.0, 60.0), "force_density": (5.0, 30.0)}[way]
+    rows = [f"s,string,a,b,100,1,{numbers[0]},", f"t,string,b,a,300,2,{numbers[1]},0.5"]
+    for order in (rows, rows[::-1]):
+        members = "\n".join([f"name,kind,i,j,stiffness,damping,{way},mass", *order])
+        (tmp_path / "own_nodes.csv").write_text(nodes, encoding="utf-8")
+        (tmp_path / "own_members.csv").write_text(members, encoding="utf-8")
+        found = import_scene(tmp_path / "own_nodes.csv", options=ImportOptions())
+        (string,) = found.scene.structure.given.strings
+        assert (string.stiffness, string.damping, string.mass) == (400.0, 3.0, 0.5)
+        assert string.rest_length is not None
+        assert string.stiffness * (2.0 - string.rest_length) == pytest.approx(70.0, rel=1e-12)
+
+
 def test_velocities_come_back_from_every_format(tmp_path: Path) -> None:
     scene = tmj.load_scene("prism_drop")
     turn = np.cross([0.3, -0.2, 0.5], scene.nodes0 - scene.nodes0.mean(axis=0))
