@@ -229,8 +229,8 @@ def test_the_stiffness_of_a_string_is_that_of_its_rest_length(given: str, tmp_pa
     length = np.full(4, np.sqrt(2))
     rest = length * (1 - q / (E * area / length + q))
     own = {"q": q} if given == "force density" else {"s_0": rest}
-    structure = import_scene(saved(tmp_path, N=SQUARE, C_b=DIAGONALS, C_s=SIDES, m=1.0, Es=E, A_s=area, **own)).scene
-    found = structure.structure
+    data = {"N": SQUARE, "C_b": DIAGONALS, "C_s": SIDES, "m": 1.0, "Es": E, "A_s": area, "r_s": 0.5} | own
+    found = import_scene(saved(tmp_path, **data)).scene.structure  # a radius beside the area is not used
     # Some operations on numbers of that size.
     np.testing.assert_allclose(found.stiffness, E * area / length + q, rtol=1e-14)
     np.testing.assert_allclose(found.rest_lengths, rest, rtol=1e-14)

@@ -12,7 +12,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Replay
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies import Choice, Draw, Uniform
-from tensegrity_mj.studies.tasks import Goal, Task, World, gait, measured_error, task_of
+from tensegrity_mj.studies.tasks import Goal, RandomStart, Task, World, gait, measured_error, task_of
 from tensegrity_mj.studies.tasks.robots import TASKS
 
 ONE = np.zeros(1, np.int64)
@@ -157,6 +157,78 @@ def test_a_string_that_broke_has_no_tension() -> None:
         assert state.tensions[0, 1:].max() > 0
     world.start(ONE, [np.random.default_rng(0)])
     assert world.step(ONE, np.zeros((1, 12))).observation[0, 0] > 0
+
+
+def test_tensions_are_those_of_what_was_drawn_and_of_the_string_law() -> None:
+    """T = k (L - L0) + c L' with the episode's own k and c, L' by the run's own nodes; a damper does not push.
+
+    Roundings of some hundred N: 1e2 · 10 · 2.2e-16 N, and of L' of a m/s times c.
+    """
+    scene = tmj.load_scene("prism").with_(contact=None, control=None)
+    strings = tuple(replace(one, damping=200.0, tension=None) for one in scene.structure.strings)
+    structure = replace(scene.structure, strings=strings)
+    lengths = structure.rest_lengths
+    task = Task(scene.with_(structure=structure), rising, 0.95 * lengths, 1.05 * lengths, ("tensions",), period=0.01)
+    world = World(task, draws=[Draw("structure.strings.stiffness", Uniform(200.0, 900.0))])
+    states = played(world, np.where(random_actions(task, 12) > 0, 1.0, -1.0))
+    stiffness = world.fleet.batch.models[0].actuator_gainprm[:, 0]
+    assert not np.isclose(stiffness, scene.structure.stiffness).all()
+    i, j = structure.string_nodes.T
+    found = []
+    for state in states[1:]:
+        span, rate = (part[0, i] - part[0, j] for part in (state.nodes, state.velocities))
+        stretch = state.lengths[0] - state.rest_lengths[0]
+        pull = stiffness * stretch + 200.0 * np.sum(span * rate, axis=1) / state.lengths[0]
+        found.append(np.where(stretch > 0, pull, 0.0))
+        np.testing.assert_allclose(state.tensions[0], np.maximum(found[-1], 0.0), rtol=0, atol=1e-9)
+    assert np.min(found) < 0 < np.max(found)
+
+
+def test_noise_is_of_what_it_says_and_as_large() -> None:
+    """Of the nodes that move alone; a standard deviation of n numbers has one of its own of 1/√(2n): five of these."""
+    task = replace(task_of("PrismReach"), observed=("nodes", "velocities"), start=None, goal=None, terms=rising)
+    moving, still = task.moving, [row for row in range(6) if row not in task.moving]
+    for part, other in (("nodes", "velocities"), ("velocities", "nodes")):
+        world = World(task, parameters={{"nodes": "noise.position", "velocities": "noise.velocity"}[part]: 0.01})
+        world.start(ONE, [np.random.default_rng(1)])
+        off = []
+        for _ in range(30):
+            seen = world.step(ONE, np.zeros((1, 6))).observation[0]
+            true = world.state(ONE)
+            # What is seen is of single precision: 6e-8 of at most a metre, or of some m/s.
+            np.testing.assert_allclose(seen[world.slices[other]], np.ravel(getattr(true, other)), rtol=1e-6, atol=1e-7)
+            off.append(seen[world.slices[part]].reshape(6, 3) - getattr(true, part)[0])
+        noise = np.array(off)
+        np.testing.assert_allclose(noise[:, still], 0, rtol=0, atol=1e-7)
+        count = noise[:, moving].size
+        assert abs(noise[:, moving].std() / 0.01 - 1) < 5 / np.sqrt(2 * count)
+        assert abs(noise[:, moving].mean()) < 5 * 0.01 / np.sqrt(count)
+
+
+def test_random_starts_are_as_near_as_they_say() -> None:
+    """A free rod, whose degrees of freedom are a shift and a turn of its frame: ends within both, and some near them.
+
+    The frame stands at an end or between: an end is at most a length from it, so that a turn of three angles below θ
+    moves it by √3 θ ℓ at most. Of 40 starts the largest of three numbers is beyond half, but for 2^-120.
+    """
+    rod = tmj.Rod("rod", ("a", "b"), 1.0)
+    string = tmj.String("s", ("a", "f"), 10.0)
+    nodes = {"a": (0.0, 0.0, 1.0), "b": (0.0, 0.0, 2.0), "f": (0.0, 0.0, 3.0)}
+    scene = tmj.Scene(tmj.Structure("free", nodes, (rod,), (string,), ("f",)))
+    shift, speed = 0.01, 0.3
+    task = Task(scene, rising, 0.5, 2.5, ("nodes",), start=RandomStart(displacement=shift, speed=speed))  # type: ignore[arg-type]
+    world, generator = World(task), np.random.default_rng(0)
+    moved, faster = [], []
+    for _ in range(40):
+        world.start(ONE, [generator])
+        state = world.state(ONE)
+        moved.append(state.nodes[0, :2] - scene.nodes0[:2])
+        faster.append(state.velocities[0, :2])
+    for found, most in ((moved, shift), (faster, speed)):
+        largest = np.linalg.norm(found, axis=2).max()
+        assert 0.5 * most < largest < (np.sqrt(3) + np.sqrt(3)) * most
+    lengths = [np.linalg.norm(one[0] - one[1] - [0, 0, 1]) for one in moved]
+    np.testing.assert_allclose(lengths, 1.0, rtol=0, atol=1e-12)  # a rod keeps its length
 
 
 def test_limits_of_winches_are_kept() -> None:
