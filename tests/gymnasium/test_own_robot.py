@@ -259,19 +259,26 @@ def test_stable_baselines_gets_what_gymnasium_has(adapter: Any) -> None:
 
 
 def test_a_robot_that_diverged_is_not_truncated_for_stable_baselines(adapter: Any) -> None:
-    """A step far beyond the stable one."""
-    far = {"engine.timestep": 0.04}
-    robots = adapter(TensegrityVectorEnv(1, "PrismReach", autoreset_mode="SameStep", parameters=far))
-    robots.seed(0)
-    robots.reset()
-    for _ in range(50):
-        robots.step_async(np.ones((1, 6)))
-        _, reward, done, infos = robots.step_wait()
-        if done[0]:
-            break
-    assert infos[0]["diverged"]
-    assert reward[0] == 0
-    assert infos[0]["TimeLimit.truncated"] is False
+    """A step far beyond the stable one; also where it diverges in the last step of an episode."""
+
+    def last(most: int) -> tuple[int, float, dict[str, Any]]:
+        options = {"parameters": {"engine.timestep": 0.04}, "max_episode_steps": most}
+        robots = adapter(TensegrityVectorEnv(1, "PrismReach", autoreset_mode="SameStep", **options))
+        robots.seed(0)
+        robots.reset()
+        for step in range(1, most + 1):
+            robots.step_async(np.ones((1, 6)))
+            _, reward, done, infos = robots.step_wait()
+            if done[0]:
+                return step, reward[0], infos[0]
+        raise AssertionError
+
+    steps, reward, info = last(50)
+    for found in (info, last(steps)[2]):
+        assert found["diverged"]
+        assert found["TimeLimit.truncated"] is False
+    assert reward == 0
+    assert last(steps - 1)[2]["TimeLimit.truncated"] is True
 
 
 def test_what_stable_baselines_cannot_take_is_refused(adapter: Any) -> None:
