@@ -267,6 +267,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "bars that are not said": ({"C_b": None, "C_s": None, "C": SIDES}, "C: which of its rows are bars: give nBar"),
     "more bars than rows": ({"C_b": None, "C_s": None, "C": SIDES, "nBar": 9}, "and it has 4 rows"),
     "rows without ends": ({"C_s": np.abs(SIDES)}, "C_s: each row must have one -1"),
+    "ends that are no signs": ({"C_s": 2 * SIDES}, "C_s: its shape is (4, 4); it must be (m, 4) of -1, 0 and 1"),
     "connectivity of a wrong shape": ({"C_s": np.ones((4, 3))}, "C_s: its shape is (4, 3); it must be (m, 4)"),
     "nodes that are not there": ({"C_s": np.array([[1, 5]])}, "C_s: node numbers from 1 to 5; they must be 1 to 4"),
     "no masses": ({"m": None}, "it gives no masses of bars (m, mass, or bars.rho with bars.r); add --rod-mass"),
