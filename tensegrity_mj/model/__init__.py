@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.members import Support as Support
     from tensegrity_mj.model.motion import Harmonic as Harmonic
     from tensegrity_mj.model.motion import Motion as Motion
+    from tensegrity_mj.model.ropes import RopeStart as RopeStart
     from tensegrity_mj.model.scene import Scene as Scene
     from tensegrity_mj.model.section import Section as Section
     from tensegrity_mj.model.strings import StringLaw as StringLaw

@@ -108,8 +108,9 @@ def velocities_with_supports(
     """Node velocities (N, 3) [m/s] at t = 0 that fit the motions and change given ones least.
 
     Without `velocities`, rods that hang together start with the one velocity that fits their supports best: at rest in
-    the frame of their support, where there is one. What their supports and lengths do not allow of that, or of the
-    velocities given, is taken away with the least kinetic energy, as a blow on the supports does.
+    the frame of their support, where there is one; points of ropes are at rest in the world. What their supports and
+    lengths do not allow of that, or of the velocities given, is taken away with the least kinetic energy, as a blow on
+    the supports does.
 
     Args:
         structure: what moves.
@@ -135,8 +136,6 @@ def velocities_with_supports(
         others = {*structure.fixed_nodes, *(node for body in structure.bodies for node in body.nodes)}
         rows = [row for row, name in enumerate(structure.node_names) if name not in others]
         given[rows] = _projected(structure, nodes, range(len(structure.rods)), rows, starts, given[rows])
-    if velocities is None:
-        given = with_ropes(structure, given, np.zeros_like(nodes))
     given.flags.writeable = False
     return given
 

@@ -9,6 +9,7 @@ and damping c has φ L0, k/φ and c/φ. Frequencies and shapes converge as 1/n²
 
 from __future__ import annotations
 
+import enum
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -34,6 +35,13 @@ POWERS = {
     **dict.fromkeys(("stiffness", "damping", "force_density", "max_force_density"), -1),
 }
 SAME = 1e-12  # what numbers of parts differ by after a few operations; what differs by more was changed by itself
+
+
+class RopeStart(enum.Enum):
+    """Velocities of a rope's points at the start, where supports move and the scene gives none."""
+
+    REST = "rest"
+    INTERPOLATED = "interpolated"  # as on a straight line between the rope's ends
 
 
 class Given(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from tensegrity_mj.basics import pictured
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
-from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vector
+from tensegrity_mj.basics.kinds import array, choice, part, parts, positive, text, vector
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.elastic_rods import ElasticRods
 from tensegrity_mj.model.elements.element import Element
@@ -27,7 +27,7 @@ from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import moved_positions, velocities_with_supports
 from tensegrity_mj.model.redundancy import Redundancy, redundancy
-from tensegrity_mj.model.ropes import completed
+from tensegrity_mj.model.ropes import RopeStart, completed, with_ropes
 from tensegrity_mj.model.scene_checks import check_scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -54,6 +54,8 @@ class Scene:
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
         water: with its surface at z = 0, waves and current; None, the default, for none.
         elements: whatever else acts on nodes, see `Element`.
+        rope_start: velocities of the points of strings with mass where supports move and no initial velocities are
+            given: at rest in the world, or as on a straight line between the string's ends.
 
     Raises:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
@@ -81,6 +83,7 @@ class Scene:
     resistance: Resistance | None = field(part(Resistance), default=None, none="None")
     water: Water | None = field(part(Water), default=None, none="None")
     elements: tuple[Element, ...] = field(parts(Element, "objects of subclasses of Element"), default=())
+    rope_start: RopeStart = field(choice(RopeStart), default=RopeStart.REST)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -125,7 +128,10 @@ class Scene:
         if self.initial_velocities is not None:
             return self.initial_velocities
         still = np.zeros_like(self.nodes0)
-        return velocities_with_supports(self.structure, self.nodes0, self.motions) if self.motions else still
+        if not self.motions:
+            return still
+        found = velocities_with_supports(self.structure, self.nodes0, self.motions)
+        return with_ropes(self.structure, found, still) if self.rope_start is RopeStart.INTERPOLATED else found
 
     @cached_property
     def redundancy(self) -> Redundancy:
