@@ -34,6 +34,7 @@ class ExitCode(enum.IntEnum):
     DIVERGED = 4
     MISSING_LIBRARY = 5
     SINGULAR = 6
+    WRONG = 7
     INTERRUPTED = 130
 
 

@@ -188,12 +188,20 @@ def _scored(options: argparse.Namespace) -> Outcome:
     rows = [("error bar", quantity(found[0].error_bar, "m")), ("motion", quantity(found[0].motion, "m"))]
     tables = []
     for one, order in zip(found, [None, *runs.observed_orders(found)], strict=True):
-        tables.append({**vars(one), "judged": one.judged, "verdict": one.verdict, "order": order})
+        known = {key: value for key, value in vars(one).items() if key != "gaps"}
+        tables.append({**known, "judged": one.judged, "verdict": one.verdict, "order": order})
         step = "" if one.step is None else f", step {quantity(one.step, 's')}"
         fall = "" if order is None else f", order {order:.2f}"
         rows.append((one.table, f"{quantity(one.error, 'm')} at {one.node}, {quantity(one.time, 's')}{step}{fall}"))
-    data = {"status": "ok", "scene": scene, "reference": reference.header, "tables": tables}
-    return Outcome(data, "\n\n".join(["\n".join(one.verdict for one in found), table(rows)]))
+    limit = runs.limit(found)
+    judged = [limit.judged] if limit else [one.judged for one in found]
+    sentences = [one.verdict for one in found] + ([limit.verdict] if limit else [])
+    data = {"status": "ok", "scene": scene, "reference": reference.header, "tables": tables, "limit": None}
+    if limit:
+        data["limit"] = {"order": limit.order, "error": limit.error, "judged": limit.judged, "verdict": limit.verdict}
+    bad = {"wrong", "undecided"} & set(judged)
+    text = "\n\n".join(["\n".join(sentences), table(rows)])
+    return Outcome(data, text, ExitCode.WRONG if bad else ExitCode.SUCCESS)
 
 
 def _engines(options: argparse.Namespace) -> tuple[str, str]:

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.convergence import orders_between as orders_between
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
     from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
+    from tensegrity_mj.runs.scoring import Limit as Limit
     from tensegrity_mj.runs.scoring import Score as Score
+    from tensegrity_mj.runs.scoring import limit as limit
     from tensegrity_mj.runs.scoring import observed_orders as observed_orders
     from tensegrity_mj.runs.scoring import reference_of as reference_of
     from tensegrity_mj.runs.scoring import score as score

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import norm
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.checks import check_known, positive
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import FormatError, OptionError
@@ -25,6 +26,7 @@ from tensegrity_mj.runs.table import Table, read_table
 # Of the motion: what is further off is wrong. A parameter that is off by 1 % moves whatever is linear in it by 1 % of
 # the motion; a tenth of that is left for errors of the solution.
 WRONG = 1e-3
+UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "km": 1e3}
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Score:
         motion: largest distance of a node of the reference from where it begins [m].
         span: first and last of these times [s].
         times: how many these are, and how many the reference has.
+        read_as: unit and axes that its first row shows, if they are others than the reference's; "" for the same.
+        gaps: (T, K, 3) of the reference's times and nodes, from there to the table [m]; NaN where it has none.
     """
 
     table: str
@@ -50,13 +54,15 @@ class Score:
     motion: float
     span: tuple[float, float]
     times: tuple[int, int]
+    read_as: str
+    gaps: Array = field(repr=False, compare=False)
 
     @property
     def judged(self) -> str:
-        """The verdict in a word: "exact", within the error bar; "close"; or "wrong", another motion."""
+        """The verdict in a word: "exact", within the error bar; "close"; or "undecided", too large a step or wrong."""
         if self.error <= self.error_bar:
             return "exact"
-        return "close" if self.error <= WRONG * self.motion else "wrong"
+        return "close" if self.error <= WRONG * self.motion else "undecided"
 
     @property
     def verdict(self) -> str:
@@ -65,11 +71,51 @@ class Score:
         words = {
             "exact": f"right: {off} off at most, within the error bar of {quantity(self.error_bar, 'm')}",
             "close": f"right to {part} of the motion: {off} off at most",
-            "wrong": f"wrong: {off} off, {part} of the motion: another model, or too large a step",
+            "undecided": f"{off} off, {part} of the motion: not converged or another model; give a second step",
         }
         own, all_ = self.times
         over = f"{quantity(self.span[0])} to {quantity(self.span[1], 's')}" if own < all_ else "the whole run"
-        return f"{self.table} is {words[self.judged]}, over {over} ({own} of {all_} times)."
+        read = f" (read as {self.read_as})" if self.read_as else ""
+        return f"{self.table}{read} is {words[self.judged]}, over {over} ({own} of {all_} times)."
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Where tables of two steps lead, by Richardson's extrapolation.
+
+    Attributes:
+        order: that of 1 to 4 whose limit is nearest to the reference.
+        error: largest distance of that limit from the reference [m].
+        score: that of the finer table.
+    """
+
+    order: int
+    error: float
+    score: Score
+
+    @property
+    def judged(self) -> str:
+        """The verdict in a word: that of the finer table, "converges", "undecided" or "wrong".
+
+        An extrapolation that leaves half of the error or more has not found what makes it: it is no error of the step.
+        """
+        one = self.score
+        if one.judged != "undecided":
+            return one.judged
+        if self.error <= max(one.error_bar, WRONG * one.motion):
+            return "converges"
+        return "undecided" if self.error < one.error / 2 else "wrong"
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence."""
+        off, part = quantity(self.error, "m"), quantity(self.error / self.score.motion, digits=2)
+        words = {
+            "converges": f"right, with too large a step: the limit by order {self.order} is",
+            "undecided": "not converged: give smaller steps; the limit is",
+            "wrong": "wrong, another model: the limit is",
+        }
+        return f"{self.score.table} is {words.get(self.judged, 'right: the limit is')} {off} off, {part} of the motion."
 
 
 def reference_of(scene: str | os.PathLike[str]) -> Table:
@@ -98,7 +144,7 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
 
     Raises:
         OptionError: for nodes that the reference does not have or that the table lacks although they move, times
-            beyond the reference's, times of the reference that are left out, positions that are missing, a bad step.
+            beyond the reference's, fewer than two of its times, a bad step.
     """
     step = table.header.get("step") if step is None else step
     if step is not None:
@@ -112,36 +158,70 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
         if node not in table.nodes:
             raise OptionError(f"{table.name}: there is no node '{node}', which moves in the reference")
     rows, columns = _times(reference, table)
-    ours = reference.positions[rows][:, [reference.nodes.index(node) for node in table.nodes]]
-    distance = norm(table.positions[columns] - ours)
-    at, which = np.unravel_index(distance.argmax(), distance.shape)  # of a NaN, where there is one
-    node, time = table.nodes[int(which)], float(reference.time[rows[at]])
-    if not math.isfinite(distance[at, which]):
-        raise OptionError(f"{table.name}: '{node}' has no position at t = {time:.6g} s")
+    places = np.full_like(reference.positions, math.nan)
+    own = np.array([reference.nodes.index(node) for node in table.nodes])
+    turn, read_as = _axes(reference.positions[0, own], table.positions[0]) if rows[0] == columns[0] == 0 else (None, "")
+    places[np.ix_(rows, own)] = table.positions[columns] if turn is None else table.positions[columns] @ turn
+    gaps = places - reference.positions
+    distance = norm(gaps)
+    seen = np.flatnonzero(np.isfinite(distance).any(axis=1))
+    if len(seen) < 2:
+        raise OptionError(f"{table.name}: it has positions at {len(seen)} of the reference's times, two are needed")
+    at, which = np.unravel_index(np.nanargmax(distance), distance.shape)
     return Score(
         table=table.name,
         step=step,
-        error=float(distance.max()),
-        node=node,
-        time=time,
+        error=float(distance[at, which]),
+        node=reference.nodes[int(which)],
+        time=float(reference.time[at]),
         error_bar=float(reference.header["error"]),
         motion=float(moves.max()),
-        span=(float(reference.time[rows[0]]), float(reference.time[rows[-1]])),
-        times=(len(rows), len(reference.time)),
+        span=(float(reference.time[seen[0]]), float(reference.time[seen[-1]])),
+        times=(len(seen), len(reference.time)),
+        read_as=read_as,
+        gaps=gaps,
     )
 
 
+def limit(scores: Sequence[Score]) -> Limit | None:
+    """Where the two tables of the smallest steps lead; None where there are no two with steps that differ."""
+    known = sorted((one for one in scores if one.step), key=lambda one: one.step or 0.0)
+    coarse = next((one for one in known if one.step != known[0].step), None)
+    if coarse is None:
+        return None
+    fine, ratio = known[0], (coarse.step or 0.0) / (known[0].step or 1.0)
+    found = [(np.nanmax(norm(fine.gaps + (fine.gaps - coarse.gaps) / (ratio**p - 1))), p) for p in range(1, 5)]
+    error, order = min(found)
+    return Limit(order, float(error), fine)
+
+
+def _axes(ours: Array, theirs: Array) -> tuple[Array | None, str]:
+    """What turns a table's first row into the start (None for nothing), and that in words.
+
+    Of several the first: the axes as they are, then y up for z up, then turns, then mirror images.
+    """
+    near = 1e-6 * float(np.abs(ours).max())  # six digits
+    turns = [np.eye(3)[list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
+    up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # (x, y, z) here is (x, -z, y) there
+    turns.sort(key=lambda one: (not (one == np.eye(3)).all(), not (one == up).all(), np.linalg.det(one) < 0))
+    for unit, factor in UNITS.items():
+        for turn in turns:
+            if np.abs(factor * theirs @ turn - ours).max() <= near:
+                if factor == 1 and (turn == np.eye(3)).all():
+                    return None, ""
+                axes = [f"{'-' if column.min() < 0 else ''}{'xyz'[np.abs(column).argmax()]}" for column in turn.T]
+                return factor * turn, f"{unit}, with (x, y, z) as ({', '.join(axes)})"
+    return None, ""
+
+
 def _times(reference: Table, table: Table) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The rows of both at the times that count: all of the reference from the table's first to its last."""
+    """The rows of both at the times that count: those of the reference that the table has."""
     known = f"the reference has {len(reference.time)} times, from {reference.time[0]:.6g} to {reference.time[-1]:.6g} s"
     if table.time[-1] > reference.time[-1] * (1 + 1e-9):
         raise OptionError(f"{table.name}: t = {table.time[-1]:.6g} s is beyond the end; {known}")
     rows, columns = common_times(reference.time, table.time)
     if len(rows) < 2:
         raise OptionError(f"{table.name}: it has {len(rows)} of the reference's times, two are needed; {known}")
-    if rows[-1] - rows[0] >= len(rows):
-        absent = reference.time[np.setdiff1d(np.arange(rows[0], rows[-1]), rows)[0]]
-        raise OptionError(f"{table.name}: there is no row at t = {absent:.6g} s, a time of the reference; {known}")
     return rows, columns
 
 

@@ -60,7 +60,7 @@ def test_the_pack_is_small_and_says_what_the_tables_leave_out(
     assert sum(path.stat().st_size for path in pack.rglob("*.csv")) < 400_000
     readme = (pack / "README.md").read_text(encoding="utf-8")
     absent = {row.split(" | ")[0][2:]: row.split(" | ")[3] for row in readme.splitlines() if row.startswith("| ")}
-    assert {absent.pop(name) for name in ("free", "pinned", "class_k", "slack", "damped")} == {"-"}
+    assert {absent.pop(name) for name in ("free", "pinned", "class_k", "slack", "damped", "bounce")} == {"-"}
     for name, words in (("closed_loop", ("target", "control")), ("contact", ("contact",)), ("water", ("water",))):
         assert absent[name] == "; ".join(f"the scene's {word} is left out" for word in words)
 
