@@ -104,7 +104,8 @@ def forces(panel: Axes, run: Trajectory) -> None:
         return
     structure = run.scene.structure
     draw_curves(panel, run.time, run.rod_forces, [rod.name for rod in structure.rods], rod_groups(structure))
-    over_time(panel, "Force of the rods, negative in compression", "force [N]")
+    chosen = "; of redundant ones a choice" if run.reports.get("undetermined_forces") else ""
+    over_time(panel, f"Force of the rods, negative in compression{chosen}", "force [N]")
 
 
 def upwards(run: Trajectory) -> Array:

@@ -60,7 +60,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
 
 
 def members_figure(state: StaticState) -> Figure:
-    """Tensions of the strings and axial forces of the rods, the largest first."""
+    """Tensions of the strings and axial forces of the rods, the largest first; those that are a choice are hatched."""
     structure, whole = state.model.structure, state.model.whole
     kinds = [
         (
@@ -76,12 +76,20 @@ def members_figure(state: StaticState) -> Figure:
     for panel, (title, unit, names, values) in zip(np.atleast_1d(figure.subplots(1, len(kinds))), kinds, strict=True):
         order = np.argsort(-np.abs(values), kind="stable")
         colors = [palette.CYCLE[0] if value >= 0 else palette.CYCLE[2] for value in values[order]]
-        panel.bar(np.arange(len(values)), values[order], color=colors, width=0.8 if len(values) <= NAMED else 1.0)
+        width, chosen = 0.8 if len(values) <= NAMED else 1.0, state.determinacy.chosen if title == "rods" else ()
+        bars = panel.bar(np.arange(len(values)), values[order], color=colors, width=width)
+        for bar, k in zip(bars, order, strict=True):
+            if names[k] in chosen:
+                bar.set(hatch="////", edgecolor="white")
         if len(values) <= NAMED:
             panel.set_xticks(np.arange(len(values)), [figure_text(names[k]) for k in order], rotation=90)
         else:
             panel.set_xlabel(f"{len(values)} {title}, the largest first", fontsize=9)
-        frame(panel, f"{title}: blue in tension, red in compression" if title == "rods" else title, y=unit)
+        frame(
+            panel,
+            f"rods: red in compression{', hatched: a choice' * bool(chosen)}" if title == "rods" else title,
+            y=unit,
+        )
     return figure
 
 

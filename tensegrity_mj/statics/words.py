@@ -286,10 +286,10 @@ def slack_strings(state: StaticState) -> list[str]:
 
 
 def reactions(state: StaticState) -> Array:
-    """(N, 3): of what is held; the rest is round-off."""
+    """(N, 3): of what is held, without what round-off may have made."""
     held = np.unique(state.model.boundary.rows.indices // 3)
     out = np.zeros_like(state.reactions)
-    out[held] = state.reactions[held]
+    out[held] = state.settled(state.reactions[held])
     return out
 
 

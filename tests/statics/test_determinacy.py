@@ -12,7 +12,9 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import Rods, StaticModel, check_state, find_equilibrium
 from tensegrity_mj.statics.determinacy import Determinacy, determinacy
+from tensegrity_mj.statics.figures import members_figure
 from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.words import reactions
 
 BRACED = ("lower1", "upper1", "post1", "rising1", "falling1")  # the cell of the arm that has rods for both diagonals
 
@@ -81,6 +83,13 @@ def test_it_is_said_in_the_text_json_and_members(arm: tmj.Scene) -> None:
     assert {use.member for use in check.uses if use.chosen} == set(BRACED)
     # Elastic rods determine all of them, and every member is checked.
     assert check_state(find_equilibrium(StaticModel.of(arm.with_(structure=strong), rods=Rods.ELASTIC))).ok
+
+
+def test_the_picture_hatches_them_and_supports_alone_have_reactions(state: StaticState) -> None:
+    *_, rods = members_figure(state).axes
+    assert sum(bar.get_hatch() is not None for bar in rods.patches) == len(BRACED)
+    pushed = [name for name, one in zip(state.model.structure.node_names, reactions(state), strict=True) if any(one)]
+    assert pushed == ["b0", "t0"]  # the plane holds the others with nothing but round-off
 
 
 def test_members_over_a_run_say_it_too(arm: tmj.Scene) -> None:
