@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import tensegrity_mj as tmj
 from tensegrity_mj.model import Body, format_schema, rods
+from tensegrity_mj.model.bodies import frame_of
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
@@ -125,6 +126,19 @@ def test_a_heavier_body_turns_more_slowly():
         )
     ]
     assert kinetic[1] == pytest.approx(2.5 * kinetic[0], rel=1e-12)
+
+
+def test_forces_on_its_nodes_accelerate_a_body_as_newton_and_euler_say():
+    """From rest: F/m of the centre of mass, I⁻¹ of the moment about it, of a body that has turned. Round-off: 1e-12."""
+    turned = solid().moved([0.3, -0.8, 1.1], [1.0, 2.0, 3.0])
+    (body,) = turned.bodies
+    nodes = turned.positions
+    forces = np.random.default_rng(0).normal(size=nodes.shape)
+    found = (frame_of(turned, body).mobility(nodes) @ forces.ravel()).reshape(-1, 3)
+    away = nodes - np.array(body.center)
+    spin = np.linalg.solve(body.inertia_matrix, np.cross(away, forces).sum(axis=0))
+    expected = forces.sum(axis=0) / body.mass + np.cross(spin, away)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_merged_structures_have_both_bodies():
