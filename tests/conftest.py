@@ -16,6 +16,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads o
         os.environ.setdefault(name, "1")
 
 import pytest
+import session_report
 from hypothesis import HealthCheck, settings
 
 import tensegrity_mj as tmj
@@ -27,6 +28,10 @@ settings.load_profile("any speed")
 # A shell that starts this in the background makes it deaf to SIGINT; tests of interrupts need to hear it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(session_report)
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist looks for groups

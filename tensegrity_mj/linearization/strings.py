@@ -44,7 +44,7 @@ class KeptStrings:
             raise OptionError(f"string '{name}' has no length at this state, and so no direction: linearize elsewhere")
         rates = structure.string_rates(scene.nodes0, scene.velocities0)
         stretch = lengths - rest
-        taut, self.at_edge = on_taut_side(lengths, rest, broken)
+        taut, self.at_edge = on_taut_side(lengths, rest, scene.nodes0, broken)
         self.k, self.pull, self.free = self._tangents(lengths, rest)
         elastic = self.pull if self.curved else structure.stiffness * stretch
         dampers = structure.damping * rates

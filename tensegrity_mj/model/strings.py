@@ -80,15 +80,17 @@ def rest_length(stiffness: ArrayLike | TensionCurves, length: ArrayLike, force_d
 
 
 def on_taut_side(
-    lengths: Array, rest_lengths: Array, broken: NDArray[np.bool_] | None = None
+    lengths: Array, rest_lengths: Array, nodes: Array, broken: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which strings (M,) a linear model has as taut, and which of these are at the edge of slackness.
 
     At the edge, where a string is as long as at rest to round-off, the model is that of the taut side. What is broken,
-    or has no length and so no direction, is not taut.
+    or has no length and so no direction, is not taut. Nodes (N, 3) far from the origin have fewer digits for lengths:
+    each of the two ends is rounded by half an ulp in three components, which is below 2 ε of the largest.
     """
     stretch = lengths - rest_lengths
-    edge = EDGE * np.maximum(lengths, np.abs(rest_lengths))
+    far = 2 * np.finfo(float).eps * float(np.abs(nodes).max(initial=0.0))
+    edge = EDGE * np.maximum(lengths, np.abs(rest_lengths)) + far
     taut = (stretch >= -edge) & (lengths > 0)
     if broken is not None:
         taut &= ~broken

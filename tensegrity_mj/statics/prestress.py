@@ -66,7 +66,7 @@ class Prestressability:
             largest string tension 1 N; None where no string can pull.
         own: whether the prestress is that of a state that was given.
         taut_mechanisms: (3N, k) the motions that no taut string and no rod resists: `mechanisms`, and what slack
-            strings leave.
+            strings leave; strings at the edge of slackness are taken for slack.
         prestress_stiffness: (k,) [N/m] eigenvalues of the prestress' form on `taut_mechanisms`, ascending.
         stiffness_bound: [N/m] no prestress of a largest string tension of 1 N or less makes the lowest of these larger;
             NaN where that was not sought.
@@ -230,7 +230,9 @@ def prestressability(
         if nodes is not None:
             raise OptionError("prestressability: nodes: a state has its own; leave them out, or give its model")
         model, places = source.model, source.nodes
-        tensions, forces = source.tensions, source.rod_forces
+        # Neither round-off nor a string as long as its rest length holds anything: the sign of such a force is chance.
+        tensions = source.settled(np.where(source.at_edge, 0.0, source.tensions))
+        forces = source.settled(source.rod_forces)
     else:
         if not isinstance(source, (Structure, Scene, StaticModel)):
             raise OptionError(

@@ -155,7 +155,7 @@ def vibration(
     state = State(scene, bodies or Bodies.of(structure), nodes, velocities, time)
     paths, length, s = structure.paths, state.lengths, state.segments.directions
     curves = structure.curves
-    taut, at_edge = on_taut_side(length, rest_lengths, broken)
+    taut, at_edge = on_taut_side(length, rest_lengths, nodes, broken)
     pull = curves.stiffness * (length - rest_lengths) if curves.linear else curves.tension(length - rest_lengths)
     total = pull + structure.damping * state.rates
     total = np.where(structure.clipped, np.maximum(0.0, total), total)
