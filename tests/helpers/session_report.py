@@ -21,11 +21,11 @@ import pytest
 SMALL = 1e-6  # bounds above it are none of round-off
 NEAR = 0.1  # of its bound: a quotient that is listed
 MOST = 40  # lines
-FREED_FROM = 0.5e9  # bytes of a process, above which a module's end frees memory
+FREED_FROM, MOST_HELD = 0.5e9, 1.1e9  # bytes of a process, above which a module's end, or a test's, frees memory
 
 quotients: dict[str, float] = {}
 peaks: dict[str, float] = {}  # [GB] by process
-NUMBER = re.compile(r"[\d.e+\-*/() ]+")
+NUMBER = re.compile(r"(?!.*\.\.)[\d.e+\-*/() ]+")  # and none that is shortened by dots
 
 
 def note(error: Any, bound: Any) -> None:
@@ -72,8 +72,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
     """Free what a module's tests compiled and drew, of which the next needs nothing, where that is much."""
     done = yield
-    if (nextitem is None or nextitem.path != item.path) and resident() > FREED_FROM:
-        for value in vars(getattr(item, "module", None) or object).values():
+    ends = nextitem is None or nextitem.path != item.path
+    if resident() > (FREED_FROM if ends else MOST_HELD):
+        for value in vars(getattr(item, "module", None) or object).values() if ends else ():
             if getattr(value, "__module__", "") == item.path.stem and hasattr(value, "cache_clear"):
                 value.cache_clear()
         if "jax" in sys.modules:
