@@ -57,17 +57,18 @@ TOLERANCE = 1e-9
 
 
 def chains_round_off(structure):
-    """ε cond(M) cond(W): M of (3.13) is inverted, and W = Yᵀ M⁻¹ Y of (3.20) made of it and solved.
+    """√K ε cond(M) cond(W): M of (3.13) is inverted, and W = Yᵀ M⁻¹ Y of (3.20) made of it and solved.
 
     M of the directions b is that of heights times one, W the product of M⁻¹ with b_i·b_j. The equations' own scales of
     W cost no digits. cond(M) grows as K², to 1e7 for 500 rods whose masses and lengths vary tenfold; cond(W) is 20.
+    Each number is a sum of K terms, whose round-off has any sign.
     """
     M = HangingChain(structure.rod_lengths, structure.rod_masses).mass_matrix
     first, second = structure.positions[structure.rod_nodes.T]
     b = (second - first) / structure.rod_lengths[:, None]
     W = np.linalg.inv(M) * (b @ b.T)
     scale = 1 / np.sqrt(np.diag(W))
-    return np.finfo(float).eps * np.linalg.cond(M) * np.linalg.cond(scale[:, None] * W * scale)
+    return np.sqrt(len(M)) * np.finfo(float).eps * np.linalg.cond(M) * np.linalg.cond(scale[:, None] * W * scale)
 
 
 @pytest.mark.parametrize("off", [False, True])
