@@ -247,6 +247,8 @@ def _read(options: argparse.Namespace) -> tuple[Run, Run]:
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two files, not {len(options.inputs)}")
+    if len({Path(path).resolve() for path in options.inputs}) == 1:
+        raise OptionError(f"compare {' '.join(options.inputs)}: a run compared with itself shows nothing; give two")
     refuse(options, OF_SIMULATIONS, "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
     first, second = (runs.read_table(path) if is_table(path) else runs.Trajectory.load(path) for path in options.inputs)

@@ -79,7 +79,7 @@ def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str
     if len(rows) > MOST_LINES:
         text.append(f"... and {len(rows) - MOST_LINES} more points")
     reasons = dict.fromkeys(row.reason for row in rows if row.reason)
-    text += [f"why not completed: {reason}" for reason in list(reasons)[:5]]
+    text += [f"why not completed, or in doubt: {reason}" for reason in list(reasons)[:5]]
     facts = [("points", ", ".join(f"{count} {status}" for status, count in data["ended"].items()))]
     facts.append(("computed now", str(data["computed"])))
     facts += [(name, str(data[name])) for name in ("result", "page") if data[name]]

@@ -81,5 +81,7 @@ class Judgement:
 
 
 def mark_of(good: int, total: int) -> Mark:
-    """Good where all are, bad where none is."""
+    """Good where all are, bad where none is, not judged where there is none."""
+    if not total:
+        return Mark.UNJUDGED
     return Mark.GOOD if good == total else Mark.LIMITED if good else Mark.BAD

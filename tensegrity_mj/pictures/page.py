@@ -28,6 +28,7 @@ from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.one_prefix import one_prefix
 from tensegrity_mj.runs.comparison import Comparison
 from tensegrity_mj.runs.differences import DIFFERENCES
+from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.verdicts import verdict
 
@@ -133,8 +134,8 @@ write_report = function_of(Report)
 
 
 def judgement_of_runs(runs: Sequence[Trajectory], comparison: Comparison | None = None) -> Judgement:
-    """What came out of runs in a sentence, and what they warn of."""
-    texts = [(run, str(text)) for run in runs for text in run.reports.get("warnings") or []]
+    """What came out of runs in a sentence, and all that speaks against them."""
+    texts = [(run, text) for run in runs for text in doubts(run)]
     named = [f"{run.engine}: {text}" if len(runs) > 1 else text for run, text in texts]
     return Judgement(verdict(runs, comparison), [Finding(Mark.LIMITED, text) for text in named])
 

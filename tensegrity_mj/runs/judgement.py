@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -56,10 +56,6 @@ class Verdict:
             parts[0] += f" (allowed {quantity(self.bound, self.unit)})"
         return f"{self.word}: {'; '.join([*parts, *([self.reason] if self.reason else [])])}".rstrip(": ")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
-
 
 def judge(name: str, value: float, bound: float, unit: str = "", doubts: Sequence[str] = ()) -> Verdict:
     """Bad beyond the bound and for NaN, limited where there are doubts, else good."""
@@ -88,14 +84,13 @@ def in_short(reasons: Sequence[str]) -> str:
 
 
 def doubts(run: Trajectory, of_the_law: bool = True) -> list[str]:
-    """Reasons to doubt a run: an early end, growth, warnings, an unstable step, limits that were reached.
+    """Reasons to doubt a run besides its end: growth, warnings, an unstable step, limits that were reached.
 
     Args:
         of_the_law: whether warnings count of forces that the law does not know.
     """
     reports = run.reports
-    found = [] if run.status.value == "completed" else [f"{run.status.value}: {run.message}".rstrip(": ")]
-    found += growth(run)
+    found = growth(run)
     warned = map(str, reports.get("warnings") or ())
     found += [text for text in warned if of_the_law or not any(part in text for part in OF_THE_LAW)]
     step = reports.get("stability") or {}

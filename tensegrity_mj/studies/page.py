@@ -91,9 +91,9 @@ def _verdict(name: str, rows: Sequence[Row]) -> str:
     ended = counts(rows)
     done = ended.get("completed", 0)
     if done == len(rows):
-        return f"All {len(rows)} points of {name} ran to their end."
+        return f"All {len(rows)} points of {name} ran to their end without a doubt."
     others = ", ".join(f"{count} {status}" for status, count in ended.items() if status != "completed")
-    return f"{done} of {len(rows)} points of {name} ran to their end; {others}."
+    return f"{done} of {len(rows)} points of {name} ran to their end without a doubt; {others}."
 
 
 def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:
@@ -101,9 +101,8 @@ def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str])
     done = counts(rows).get("completed", 0)
     if done < len(rows):
         reason = next((row.reason for row in rows if row.reason), "")
-        yield Finding(
-            mark_of(done, len(rows)), f"{len(rows) - done} points ended early, the first: {reason or 'see the table'}."
-        )
+        text = f"{len(rows) - done} points ended early or are in doubt, the first: {reason or 'see the table'}."
+        yield Finding(mark_of(done, len(rows)), text)
     names = [axis.parameter for axis in axes]
     for measure in measures:
         found = [(value, row) for row in rows if (value := as_number(row.values.get(measure))) is not None]
@@ -117,9 +116,8 @@ def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str])
             ", ".join(f"{parameter_label(name)} = {shown(row.parameters[name])}" for name in names) for _, row in ends
         ]
         at = [f" ({place})" if place else "" for place in where]
-        mark = Mark.GOOD if len(found) == len(rows) else Mark.LIMITED
         text = f"{head}: {low} everywhere." if low == high else ""
-        yield Finding(mark, text or f"{head}: from {low}{at[0]} to {high}{at[1]}.")
+        yield Finding(Mark.UNJUDGED, text or f"{head}: from {low}{at[0]} to {high}{at[1]}.")
 
 
 def _fixed(sweep: Sweep, study: Study) -> list[list[Any]]:

@@ -25,6 +25,7 @@ from tensegrity_mj.library.named import is_family_call
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.attempt import WithFiles
@@ -222,7 +223,7 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
         on_infeasible=draft.on_infeasible,
         output_interval=draft.output_interval,
     )
-    values = measure(run)
+    values = measure(run) | {"doubts": doubts(run, of_the_law=draft.plant is None)}
     return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.deformation import deformation, is_tower
+from tensegrity_mj.runs.judgement import doubts, in_short
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.many import Study
@@ -75,6 +76,7 @@ def _at(part: str, *keys: str) -> Callable[[Trajectory], Any]:
 
 _report, _cost = partial(_at, "reports"), partial(_at, "cost")
 BELOW = "nonpositive_rest_lengths"  # a report
+DOUBTFUL = "in doubt"  # how a completed run counts that something speaks against
 
 
 LAW = "as the law defines"
@@ -101,6 +103,7 @@ MEASURES: dict[str, Measure] = {
     "steps": Measure("", "steps of the integrator", _cost("steps")),
     "evaluations": Measure("", "evaluations of the right-hand side", _cost("evaluations")),
     "warnings": Measure("", "what the run warned of", lambda run: list(run.reports.get("warnings", []))),
+    "doubts": Measure("", "all that speaks against the run: growth, warnings, limits that were reached", doubts),
 }
 
 
@@ -120,7 +123,7 @@ class Row:
 
     Attributes:
         parameters: path -> value.
-        status: how its run ended, or failed.
+        status: how its run ended, or failed; "in doubt" where it was completed and something speaks against it.
         reason: why it was not completed.
         values: its measures; none where it failed.
     """
@@ -137,7 +140,9 @@ def rows_of(study: Study) -> list[Row]:
     for point, outcome in zip(study.points, study.outcomes, strict=True):
         if outcome["status"] == DONE:
             values = outcome["values"]
-            rows.append(Row(point["parameters"], values["status"], values["message"], values))
+            doubtful = values["doubts"] if values["status"] == Status.COMPLETED.value else []
+            status = DOUBTFUL if doubtful else values["status"]
+            rows.append(Row(point["parameters"], status, values["message"] or in_short(doubtful), values))
         else:
             rows.append(Row(point["parameters"], "failed", f"{outcome['error']}: {outcome['reason']}", {}))
     return rows
@@ -145,7 +150,8 @@ def rows_of(study: Study) -> list[Row]:
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
     """How many points ended how, those that there are."""
-    order = (*(status.value for status in Status), "failed")
+    order = (Status.COMPLETED.value, DOUBTFUL, *(status.value for status in Status), "failed")
+    order = tuple(dict.fromkeys(order))
     return {status: count for status in order if (count := sum(row.status == status for row in rows))}
 
 

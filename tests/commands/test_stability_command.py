@@ -11,7 +11,7 @@ from command_words import choices_of
 from tensegrity_mj.cli import main
 from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.page import pictures
+from tensegrity_mj.studies.stability.page import judgement_of, pictures
 from tensegrity_mj.studies.stability.report import describe
 
 SMALL = ["pinned_rod", "--engines", "euler", "rk4", "--maps", "damping", "--quick", "--random", "2", "--workers", "1"]
@@ -56,6 +56,30 @@ def test_the_page_of_a_step_without_a_limit(tmp_path: Path) -> None:
     assert main(["stability", "tbar", "--engines", "discrete", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "MuJoCo discrete: predicted none, measured none up to " in page
+
+
+def test_a_limit_that_nothing_showed_is_not_judged_and_what_nothing_explains_is_bad() -> None:
+    none = {"predicted": None, "measured": None, "largest": 1.0, "agrees": True, "ratio": 1.0, "cause": ""}
+    met = {"predicted": 1.0, "measured": 0.98, "largest": 1.0, "agrees": True, "ratio": 1.02, "cause": ""}
+    off = met | {"predicted": 2.0, "ratio": 2.04, "agrees": False}
+    data = {
+        "scene": "x",
+        "base": {
+            "engines": {
+                "discrete": none,
+                "euler": met,
+                "implicit": off | {"cause": "a rod near the pole of the ODE's angles"},
+                "rk4": off | {"cause": "not explained (nothing grew)"},
+            }
+        },
+        "random": {"failed": 3, "summary": {"structures_agree": 0, "structures": 0, "allowed": 0.1}},
+    }
+    found = judgement_of(data)
+    assert [one.mark.value for one in found.findings] == ["not judged", "good", "limited", "bad", "not judged"]
+    assert "allowed 1 ± 0.1" in found.findings[1].text
+    assert found.findings[-1].text.endswith("3 could not be computed.")
+    alone = judgement_of({"scene": "x", "base": {"engines": {}}})
+    assert alone.verdict == "The step of x is not judged: no engine that was chosen simulates it."
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.errors import IdentificationWarning, OptionError
 from tensegrity_mj.runs import Table
 from tensegrity_mj.studies import FitOptions, Parameter, identify, measured
-from tensegrity_mj.studies.identification import predictions, statistics
+from tensegrity_mj.studies.identification import page, predictions, statistics
 from tensegrity_mj.studies.identification.fitting import Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.predictions import predictions_of
@@ -393,11 +393,42 @@ def test_a_fit_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.
     assert first == 13
     assert json.dumps(found.data) == json.dumps(whole.data) == json.dumps(again.data)
     assert json.loads((tmp_path / "identification.json").read_text("utf-8"))["runs"] == found.data["runs"]
-    page = (tmp_path / "identification.html").read_text("utf-8")
-    assert "strings.stiffness" in page
-    assert "Measured (dots)" in page
+    shown = (tmp_path / "identification.html").read_text("utf-8")
+    assert "strings.stiffness" in shown
+    assert "Measured (dots)" in shown
     with pytest.raises(OptionError, match="another study"):
         identify(scene, data, paths[:1], tmj.DAE(), folder=tmp_path)
+
+
+def test_verdicts_are_good_where_both_tails_and_the_run_are() -> None:
+    series = [{"time": [0.0], "unit": "m"}]
+    data: dict[str, Any] = {"parameters": [], "series": series, "converged": True, "runs": 3, "doubts": []}
+    data |= {"p_value": 0.5, "chi_squared": 9.3, "degrees": 10, "estimated_noise": None, "after": {"unseen": []}}
+    data |= {"whiteness": {"p_value": 0.5, "lags": 2}}
+
+    def marks(**changes: Any) -> list[str]:
+        return [mark.value for mark, _ in page.verdicts(data | changes)]
+
+    assert marks() == ["good", "good", "good"]
+    # A fit without residuals shows noise that was given too large, or a run that was compared with itself.
+    assert marks(p_value=1.0, chi_squared=0.0)[1] == "limited"
+    assert marks(p_value=1e-3)[1] == "limited"
+    assert marks(doubts=["the energy balance is off"])[0] == "limited"
+    assert marks(converged=False)[0] == "bad"
+    assert {one.mark.value for one in page.judgement_of(data | {"converged": False}).findings} == {"limited"}
+    # Nothing was given to hold an estimated noise against.
+    assert marks(p_value=None, estimated_noise=0.3)[1] == "not judged"
+
+
+def test_the_run_with_the_estimates_is_looked_at() -> None:
+    scene = between_walls()
+    data = noisy(tmj.simulate(scene, engine="dae", output_interval=0.1), 6)
+    # ω = √(2 k/m) = 7.7/s: steps of 0.1 s err by z⁵/120 = 0.2 % of the amplitude each, ten times what 20 steps may.
+    found = identify(scene, data, ["structure.strings.stiffness=25"], tmj.DAE(method=tmj.Method.RK4, timestep=0.1))
+    sound = identify(scene, data, ["structure.strings.stiffness=25"], tmj.DAE())
+    assert sound.data["doubts"] == []
+    assert found.data["doubts"]
+    assert "the run with the estimates is in doubt" in found.judgement.verdict
 
 
 def test_friction_is_found_by_the_engine_that_has_it() -> None:
@@ -523,7 +554,7 @@ def test_the_command_fits_and_writes(tmp_path: Path, capsys: pytest.CaptureFixtu
         ("--sigma 1e-3 --sigma 2e-3", "--sigma: a quantity is given twice"),
         ("--sigma 1mm", "1mm"),
         ("--level 2", "between 0 and 1"),
-        ("--actuation hold-rest-length --control-period 0.1", "needs --law"),
+        ("--actuation hold-rest-length --control-period 0.1", "without a law"),
     ):
         assert main([*words.replace("--sigma 1e-3 ", "").split(), *more[:2], *wrong.split()]) == 2
         assert message in capsys.readouterr().err

@@ -27,11 +27,12 @@ from tensegrity_mj.studies import store
 from tensegrity_mj.studies.axes import Choice, Draw, LogUniform, Normal, Together, Uniform, Vary
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.nominal import NominalWinches
+from tensegrity_mj.studies.page import judgement_of
 from tensegrity_mj.studies.parameter_values import Scaled, decoded, encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
-from tensegrity_mj.studies.table import MEASURES, rows_of
+from tensegrity_mj.studies.table import MEASURES, counts, rows_of
 from tensegrity_mj.studies.workers import Backend, Workers
 
 HERE = Workers(backend=Backend.THIS_PROCESS)
@@ -592,7 +593,7 @@ def test_the_page_holds_plots_and_every_point(axes: Any, draws: Any, pictures: i
     )
     text = page.read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == pictures
-    assert text.count("<td>completed</td>") + text.count("<td>failed</td>") == len(study.points)
+    assert sum(text.count(f"<td>{one}</td>") for one in ("completed", "in doubt", "failed")) == len(study.points)
     assert "http://" not in text
     assert "https://" not in text
     assert "largest tension of a string" in text
@@ -635,13 +636,30 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["sweep", "pinned_rod", "--vary", "law.decay_rate=0.1,-1", *ALONE, "--measures", "end_time"]
     assert main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines.pop(0) == "1 of 2 points of pinned_rod ran to their end; 1 failed."
+    assert lines.pop(0) == "1 of 2 points of pinned_rod ran to their end without a doubt; 1 failed."
     lines = lines[lines.index("") + 1 :]
     assert lines[0].split() == ["law.decay_rate", "status", "end", "time"]
     assert lines[1].split() == ["0", "0.1", "completed", "0.2"]
     assert lines[2].split() == ["1", "-1", "failed", "-"]
-    assert "why not completed: OptionError: scene 'pinned_rod': decay_rate = -1" in lines[3]
+    assert "why not completed, or in doubt: OptionError: scene 'pinned_rod': decay_rate = -1" in lines[3]
     assert "1 completed, 1 failed" in "\n".join(lines)
+
+
+def test_runs_that_warned_are_in_doubt() -> None:
+    # Of a thousandth of the stiffness, commands are beyond it: rest lengths below zero, which a run warns of.
+    sweep = Sweep("pinned_rod", [Vary("structure.strings.stiffness", [Scaled(1), Scaled(1e-3)])], fixed=SHORT)
+    study = sweep.run(workers=HERE)
+    sound, doubtful = rows_of(study)
+    assert (sound.status, sound.values["doubts"]) == ("completed", [])
+    assert doubtful.status == "in doubt"
+    assert doubtful.values["status"] == "completed"
+    assert "rest length of zero or less" in doubtful.reason
+    assert counts([sound, doubtful]) == {"completed": 1, "in doubt": 1}
+    found = judgement_of(sweep, study)
+    assert found.verdict == "1 of 2 points of pinned_rod ran to their end without a doubt; 1 in doubt."
+    # How large a number is over a sweep is no judgement of it.
+    assert found.findings[0].mark.value == "limited"
+    assert {one.mark.value for one in found.findings[1:]} == {"not judged"}
 
 
 def test_draws_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:

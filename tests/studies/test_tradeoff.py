@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tensegrity_mj as tmj
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.table import ENGINES
@@ -323,6 +324,38 @@ def test_a_coarse_reference_says_so_and_points_below_it_are_marked(monkeypatch: 
     assert "the reference itself is known to" in advice[-1]["text"]
 
 
+def test_a_reference_is_not_compared_with_itself() -> None:
+    experiment = spring_experiment()
+    found = find_reference(experiment, 1e6)
+    kinds = TradeoffOptions(engines=["mujoco"], families=["MuJoCo RK4"], steps=[2e-3, 1e-3])
+    chosen = settings_of(experiment, kinds)
+    same = reference.Reference(found.motion, found.facts | {"engine": str(chosen[0].engine)})
+    records = [[record(attempt(experiment, one.engine), one.engine, found.motion)] for one in chosen]
+    facts, timing = advising.result_of(experiment, same, None, chosen, records)
+    own, other = facts["points"]
+    assert (own["error"], own["reason"]) == (None, "it is the reference itself")
+    assert other["error"] is not None
+    assert facts["by_right_hand_sides"]["front"] == timing["front"] == [1]
+
+
+def test_doubts_of_a_reference_are_those_of_all_errors() -> None:
+    kinds = TradeoffOptions(engines=["mujoco"], families=["MuJoCo RK4"], steps=[1e-3], repeats=1)
+    study = tradeoff(spring_scene(), options=kinds)
+    (experiment,) = study.data["experiments"]
+    (sure,) = study.judgement.findings
+    assert sure.mark.value == "good"
+    allowed = 1e-2 * experiment["reference"]["motion"]
+    assert f"(allowed {quantity(allowed, 'm', 2)})" in sure.text
+    experiment["reference"]["doubts"] = ["the energy balance is off"]
+    (doubtful,) = study.judgement.findings
+    assert doubtful.mark.value == "limited"
+    assert any("all errors with it: the energy balance is off" in text for text in study.sentences)
+    experiment["reference"]["own_error"] = 2 * allowed  # a second formulation that is far away confirms nothing
+    (unsure,) = study.judgement.findings
+    assert unsure.mark.value == "bad"
+    assert "confirms it" not in unsure.text
+
+
 def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is_no_second_formulation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -418,7 +451,8 @@ def small_study(folder: Path | None, **changes: Any) -> Any:
 
 
 def without_timing(data: dict[str, Any]) -> str:
-    return json.dumps({key: value for key, value in data.items() if key != "timing"}, sort_keys=True)
+    by_clock = ("timing", "verdict", "findings")  # the latter two name what is fastest
+    return json.dumps({key: value for key, value in data.items() if key not in by_clock}, sort_keys=True)
 
 
 def test_two_studies_are_the_same_but_for_the_clock(tmp_path: Path) -> None:

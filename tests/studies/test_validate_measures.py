@@ -11,7 +11,8 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.studies.validation import measures
-from tensegrity_mj.studies.validation.findings import judged, trend, way
+from tensegrity_mj.studies.validation.findings import trend, way
+from tensegrity_mj.studies.validation.judging import judged
 from tensegrity_mj.studies.validation.sections import is_pinned_rod, perturbed, turned
 from tensegrity_mj.studies.validation.task import KEPT, ROWS, TICK, kept_nodes, recording_interval
 
@@ -193,24 +194,31 @@ def test_runs_are_recorded_as_finely_as_memory_allows(prism: Any) -> None:
 
 
 def ended(error: float, speed: float, alignment: float, status: str = "completed") -> dict[str, Any]:
-    return {"status": status, "error": {"final": error}, "arrival": {"speed": speed, "alignment": [1.0, alignment]}}
+    reports = {"message": "", "growth": [], "doubts": [], "acts": True}
+    arrival = {"speed": speed, "alignment": [1.0, alignment]}
+    return {"status": status, "error": {"final": error}, "arrival": arrival, **reports}
 
 
 @pytest.mark.parametrize(
-    ("values", "outcome"),
+    ("values", "outcome", "word"),
     [
-        (ended(0.04, 1.0, 1.0), "converged"),
-        (ended(0.06, 0.001, 1.0), "off target"),
-        (ended(0.06, 0.1, -0.999), "still moving"),
-        (ended(2.0, 0.001, -0.999), "mirrored"),
-        (ended(0.01, 0.0, 1.0, "infeasible"), "infeasible"),
-        (ended(0.01, 0.0, 1.0, "singular"), "singular"),
-        ({"status": "diverged"}, "diverged"),
-        ({"status": "completed", "error": None}, "completed"),
+        (ended(0.04, 1.0, 1.0), "converged", "good"),
+        (ended(0.04, 1.0, 1.0) | {"doubts": ["it warned"]}, "converged", "limited"),
+        (ended(0.04, 1.0, 1.0) | {"growth": ["the energy grows"]}, "grows", "bad"),
+        (ended(0.04, 1.0, 1.0) | {"acts": False}, "converged", "not judged"),
+        (ended(0.06, 0.001, 1.0), "off target", "bad"),
+        (ended(0.06, 0.1, -0.999), "still moving", "limited"),
+        (ended(2.0, 0.001, -0.999), "mirrored", "bad"),
+        (ended(0.01, 0.0, 1.0, "infeasible"), "infeasible", "bad"),
+        (ended(0.01, 0.0, 1.0, "singular"), "singular", "not judged"),
+        ({"status": "diverged", "message": ""}, "diverged", "bad"),
     ],
 )
-def test_how_runs_come_out(values: dict[str, Any], outcome: str) -> None:
-    assert judged(values, tolerance=0.05, duration=10.0) == outcome
+def test_how_runs_come_out(values: dict[str, Any], outcome: str, word: str) -> None:
+    found = judged(values, tolerance=0.05, duration=10.0)
+    assert (found[0], found[1].word) == (outcome, word)
+    beside = judged(values, tolerance=0.05, duration=10.0, nominal={"outcome": "converged"})
+    assert (beside[0], beside[1].word) == (outcome, "bad" if outcome == "still moving" else word)
 
 
 @pytest.mark.parametrize(

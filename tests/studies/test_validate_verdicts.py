@@ -182,7 +182,7 @@ def test_engines_that_disagree_are_a_doubt() -> None:
         "growth": [],
         "acts": True,
     }
-    assert judging.judgement(values, "converged", 0.05).word == "good"
-    found = judging.judgement(values, "converged", 0.05, more=["DAE: diverged"])
+    assert judging.judged(values, 0.05, 1.0)[1].word == "good"
+    found = judging.judged(values, 0.05, 1.0, more=["DAE: diverged"])[1]
     assert (found.word, found.reason) == ("limited", "DAE: diverged")
     assert found.text == "limited: the distance from the target at the end is 10 mm (allowed 50 mm); DAE: diverged"

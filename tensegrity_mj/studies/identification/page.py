@@ -14,6 +14,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, ROW, frame, grid_of_panels, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
+from tensegrity_mj.runs.judgement import in_short
 from tensegrity_mj.studies.report import Page
 
 if TYPE_CHECKING:
@@ -47,32 +48,41 @@ def page_of(data: Data) -> Page:
 
 
 def judgement_of(data: Data) -> Judgement:
-    """How the fit ended, and a finding a further sentence."""
-    (_, verdict), *others = verdicts(data)
-    return Judgement(verdict, tuple(Finding(Mark.GOOD if good else Mark.LIMITED, text) for good, text in others))
+    """How the fit ended, and a finding a further sentence; none is good of a fit that did not end."""
+    (ended, verdict), *others = verdicts(data)
+    marks = {Mark.GOOD: Mark.GOOD if ended is Mark.GOOD else Mark.LIMITED}
+    return Judgement(verdict, tuple(Finding(marks.get(mark, mark), text) for mark, text in others))
 
 
-def verdicts(data: Data) -> Iterator[tuple[bool, str]]:
-    """Sentences, and whether each is good: how the fit ended, its residuals, and what it leaves undetermined."""
+def verdicts(data: Data) -> Iterator[tuple[Mark, str]]:
+    """Sentences with their marks: how the fit ended, its residuals, and what it leaves undetermined."""
     count, ended = sum(len(one["time"]) for one in data["series"]), "ended" if data["converged"] else "did not end"
+    sure = data["converged"] and not data["doubts"]
     yield (
-        data["converged"],
-        f"{len(data['parameters'])} parameters of {count} numbers: the fit {ended} at run {data['runs']}.",
+        Mark.GOOD if sure else Mark.LIMITED if data["converged"] else Mark.BAD,
+        f"{len(data['parameters'])} parameters of {count} numbers: the fit {ended} at run {data['runs']}"
+        + (f"; the run with the estimates is in doubt: {in_short(data['doubts'])}." if data["doubts"] else "."),
     )
-    if data["p_value"] is not None:
-        good = data["p_value"] >= DOUBTFUL
-        text = f"χ² is {data['chi_squared']:.5g} of {data['degrees']} degrees of freedom (p = {data['p_value']:.2g})"
-        yield good, text + ("." if good else ": the noise or the model is not as given.")
+    if (p := data["p_value"]) is not None:
+        text = f"χ² is {data['chi_squared']:.5g} of {data['degrees']} degrees of freedom (p = {p:.2g}"
+        if p < DOUBTFUL:
+            yield Mark.LIMITED, f"{text}): the noise or the model is not as given."
+        elif p > 1 - DOUBTFUL:
+            yield Mark.LIMITED, f"{text}): the residuals are smaller than the noise that was given."
+        else:
+            yield Mark.GOOD, f"{text}, allowed {DOUBTFUL:g} to {1 - DOUBTFUL:g})."
     if data["estimated_noise"] is not None:
-        yield True, f"The noise, estimated, is {quantity(data['estimated_noise'], data['series'][0]['unit'])}."
+        noise = quantity(data["estimated_noise"], data["series"][0]["unit"])
+        yield Mark.UNJUDGED, f"The noise, estimated, is {noise}: none was given to hold it against."
     if (p := data["whiteness"]["p_value"]) is not None:
         what = "white" if p >= DOUBTFUL else "correlated in time, and intervals too narrow"
-        yield p >= DOUBTFUL, f"Residuals are {what} (Ljung and Box, {data['whiteness']['lags']} lags: p = {p:.2g})."
+        text = f"Residuals are {what} (Ljung and Box, {data['whiteness']['lags']} lags: p = {p:.2g}, allowed "
+        yield Mark.GOOD if p >= DOUBTFUL else Mark.LIMITED, f"{text}{DOUBTFUL:g} or more)."
     for one in data["after"]["unseen"]:
-        yield False, f"The measurements do not see: {one}."
+        yield Mark.LIMITED, f"The measurements do not see: {one}."
     for row in data["parameters"]:
         if row["note"]:
-            yield False, f"{row['name']} is {row['note']}, without an interval."
+            yield Mark.LIMITED, f"{row['name']} is {row['note']}, without an interval."
 
 
 def _fitted(data: Data) -> Figure:

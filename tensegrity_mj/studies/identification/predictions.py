@@ -17,8 +17,9 @@ from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.resampling import resampled
-from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.unknowns import Unknowns
@@ -70,13 +71,20 @@ class Predictions:
         Raises:
             TensegrityError: as `simulate`; DivergenceError, too, for a run that ended before the last measurement.
         """
-        (scene, law), (duration, interval) = self.at(values), self._grid
-        run = simulate(scene, law, self.engine, duration=duration, actuation=self.actuation, output_interval=interval)
+        run = self._run(values)
         if run.status is not Status.COMPLETED:
             raise DivergenceError(f"the run ends before the last measurement: {run.message}", float(run.time[-1]), run)
-        self._check_slack(scene, run.tensions)
-        found = resampled(run, self.observation.times).values
-        return self.observation.seen(found["nodes"], scene.structure.string_lengths(found["nodes"]), found["tensions"])
+        self._check_slack(run.scene, run.tensions)
+        found, structure = resampled(run, self.observation.times).values, run.scene.structure
+        return self.observation.seen(found["nodes"], structure.string_lengths(found["nodes"]), found["tensions"])
+
+    def doubts(self, values: Array) -> list[str]:
+        """All that speaks against the run with these values."""
+        return doubts(self._run(values))
+
+    def _run(self, values: Array) -> Trajectory:
+        (scene, law), (duration, interval) = self.at(values), self._grid
+        return simulate(scene, law, self.engine, duration=duration, actuation=self.actuation, output_interval=interval)
 
     def jacobian(self, values: Array) -> Array:
         """Two runs a parameter."""
@@ -209,6 +217,10 @@ class Differentiated(Predictions):
         """All parameters at once."""
         return self._at(values)[2]
 
+    def doubts(self, values: Array) -> list[str]:
+        """None: these runs are arrays, which report nothing of themselves."""
+        return []
+
     def _at(self, values: Array) -> tuple[Array, Array, Array]:
         """Both by one compiled function: to compile a second one takes as long as many runs."""
         if self._last is None or not np.array_equal(self._last[0], values):
@@ -239,3 +251,4 @@ class Kept:
 
         self.predict: Callable[[Array], Array] = partial(kept, "predict")
         self.jacobian: Callable[[Array], Array] = partial(kept, "jacobian")
+        self.doubts: Callable[[Array], list[str]] = lambda values: kept("doubts", values).tolist()

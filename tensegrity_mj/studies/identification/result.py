@@ -147,8 +147,10 @@ def identify(
         model = predictions if folder is None else Kept(predictions, kept)
         try:
             found = fit(Problem(model, unknowns, observed), chosen, progress)
+            values = np.array([row["value"] for row in found["parameters"]])
+            found["doubts"] = model.doubts(values)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
-    draft = unknowns.at(np.array([row["value"] for row in found["parameters"]]))
+    draft = unknowns.at(values)
     data = {**facts, "versions": versions(engine), **found}
     return Identification(data, scene=draft.plant or draft.scene).kept(folder)

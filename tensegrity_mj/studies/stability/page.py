@@ -18,7 +18,7 @@ from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.report import rest_rows, start_rows
-from tensegrity_mj.studies.stability.study import DRAWN, agreement
+from tensegrity_mj.studies.stability.study import AGREEMENT, DRAWN, UNEXPLAINED, agreement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,11 +61,15 @@ def judgement_of(data: Data) -> Judgement:
 
 def _verdict(data: Data) -> str:
     """How well predictions are met, and the step that is safe at the start."""
-    ratios = [one["ratio"] for one in data["base"]["engines"].values() if one["ratio"]]
+    known = [one for one in data["base"]["engines"].values() if one["ratio"]]
+    known = [one for one in known if one["measured"] is not None or not one["agrees"]]  # else nothing was measured
+    ratios = [one["ratio"] for one in known]
     off = max((abs(ratio - 1.0) for ratio in ratios), default=math.nan)
     met = f"predicted largest steps of {data['scene']} are within {off:.1%} of those measured"
     steps = [one["predicted"] for one in data["base"]["engines"].values() if one["predicted"]]
     span = f": {quantity(min(steps), 's')} to {quantity(max(steps), 's')} by engine" if steps else ""
+    if not data["base"]["engines"]:
+        return f"The step of {data['scene']} is not judged: no engine that was chosen simulates it."
     if not ratios and any(one["measured"] is not None for one in data["base"]["engines"].values()):
         return f"The step of {data['scene']} has limits that were measured and not predicted."
     return f"At rest, {met}{span}." if ratios else f"Nothing limits the step of {data['scene']} as far as was tried."
@@ -79,12 +83,18 @@ def _findings(data: Data) -> Iterator[Finding]:
         measured = tried if one["measured"] is None else quantity(one["measured"], "s")
         text = f"{TITLES[name]}: predicted {predicted}, measured {measured}"
         cause = f" ({one['cause']})" if one["cause"] else ""
-        yield Finding(Mark.GOOD if one["agrees"] else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
+        known = not one["cause"].startswith(UNEXPLAINED)
+        mark = Mark.LIMITED if known else Mark.BAD
+        if one["agrees"]:
+            mark = Mark.UNJUDGED if one["measured"] is None else Mark.GOOD
+            cause = "" if one["measured"] is None else f" (ratio {one['ratio']:.3f}, allowed 1 ± {AGREEMENT:g})"
+        yield Finding(mark, f"{text}{cause}.")
     for name, words in DRAWN.items():
         if data.get(name):
             total = data[name]["summary"]
             agree, count = total["structures_agree"], total["structures"]
             text = f"{agree} of {count} {words} agree within {total['allowed']:.0%} in every engine."
+            text += f" {failed} could not be computed." if (failed := data[name]["failed"]) else ""
             yield Finding(mark_of(agree, count), text)
 
 

@@ -21,6 +21,7 @@ MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
 USUAL_MOST = 100.0
 DRAWN = {"random": "random taut structures", "joined": "random structures whose rods share nodes"}
 AGREEMENT = 0.1  # of the measured limit
+UNEXPLAINED = "not explained"  # how a cause begins where none is known
 # Rods above which runs have fewer steps. A hundred still resolve the limit to 1 %: beyond it by ε a motion of 1e-11 of
 # the size, which must pass 3e-9 to count, grows by exp(100 · 7 ε) in Runge-Kutta's runs and by more in the others'.
 FEWER = ((100, 100), (30, 300))
@@ -82,19 +83,20 @@ def why(found: StableStep, reason: str) -> str:
         return "the ODE's angles end at a pole"
     if "slack" in " ".join(found.notes):
         return "strings that are slack at rest become taut"
-    return f"not explained ({reason or 'nothing grew'})"
+    return f"{UNEXPLAINED} ({reason or 'nothing grew'})"
 
 
 def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Of all points and engines: how many agree, and the causes of the others."""
     rows = [one for values in outcomes for one in values["engines"].values()]
-    ratios = np.array([one["ratio"] for one in rows if one["ratio"] is not None])
+    # Where no step was too long, nothing was measured: such points agree, and have no difference.
+    ratios = np.array([one["ratio"] for one in rows if one["ratio"] is not None and one["measured"] is not None])
     causes = Counter(one["cause"] for one in rows if not one["agrees"])
     structures = [all(one["agrees"] for one in values["engines"].values()) for values in outcomes]
     by_engine = {}
     for name in NAMES:
         own = [values["engines"][name] for values in outcomes if name in values["engines"]]
-        known = [abs(one["ratio"] - 1) for one in own if one["ratio"] is not None]
+        known = [abs(one["ratio"] - 1) for one in own if one["ratio"] is not None and one["measured"] is not None]
         if own:
             by_engine[name] = {
                 "count": len(own),

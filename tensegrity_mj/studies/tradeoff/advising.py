@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.runs.judgement import in_short
 from tensegrity_mj.studies.tradeoff.experiments import Experiment
 from tensegrity_mj.studies.tradeoff.measurement import Ended
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference
@@ -135,6 +136,8 @@ def remarks(experiment: Data, whole: float) -> list[str]:
     found, duration = [], experiment["duration"]
     if experiment["note"]:
         found.append(experiment["note"])
+    if doubts := experiment["reference"].get("doubts"):
+        found.append(f"The reference is in doubt, and all errors with it: {in_short(doubts)}.")
     if duration < whole * (1 - 1e-9):
         found.append(
             f"Runs are {duration:g} s long, the scene's {whole:g} s: what is advised holds for the short ones."
@@ -259,9 +262,11 @@ def result_of(
     for setting, runs in zip(settings, records, strict=True):
         first: Data = runs[0] if runs else {"status": Ended.REFUSED.value, "reason": "no reference", "error": None}
         values = {key: value for key, value in first.items() if key != "timing"}
-        known = first["error"] is not None
         # A second run of the same setting must be the same run: what it computed is compared bit by bit.
         repeatable = all({**one, "timing": None} == {**first, "timing": None} for one in runs)
+        if str(setting.engine) == reference.facts["engine"]:  # a run is not compared with itself
+            first = values = {**values, "error": None, "final_error": None, "reason": "it is the reference itself"}
+        known = first["error"] is not None
         at_floor = bool(known and first["error"] <= FLOOR_FACTOR * own)
         points.append({**setting.to_dict(), **values, "at_reference_floor": at_floor, "repeatable": repeatable})
         walls = [one["timing"]["wall_time"] for one in runs if one["timing"]["wall_time"] is not None]

@@ -10,9 +10,11 @@ from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
+from tensegrity_mj.runs.judgement import in_short, judge
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
+from tensegrity_mj.studies.tradeoff.reference import SURE
 
 Data = Mapping[str, Any]
 
@@ -70,12 +72,19 @@ def _findings(data: Data) -> Iterator[Finding]:
         if reference["engine"] is None:
             yield Finding(Mark.BAD, f"{head}: no reference ({reference['reason']}).")
             continue
-        second = reference["second_formulation"]
-        own = "" if reference["own_error"] is None else f", known to {quantity(reference['own_error'], 'm', 2)}"
+        second, allowed = reference["second_formulation"], SURE * (reference["motion"] or 0.0)
+        error = math.inf if reference["own_error"] is None else reference["own_error"]
+        own = f", known to {quantity(error, 'm', 2)} (allowed {quantity(allowed, 'm', 2)})"
         confirmed = "no second formulation confirms it" if second is None else f"{second['engine']} confirms it"
-        yield Finding(Mark.LIMITED if second is None else Mark.GOOD, f"{head}{own}: {confirmed}.")
+        if error > allowed:
+            confirmed = "too little to measure errors against"
+        found = judge(
+            "own error", error, allowed, "m", [*([confirmed] if second is None else []), *reference["doubts"]]
+        )
+        doubt = f"; it is in doubt: {in_short(reference['doubts'])}" if reference["doubts"] else ""
+        yield Finding(Mark(found.word), f"{head}{own}: {confirmed}{doubt}.")
         if timing["floor"] is not None:
-            yield Finding(Mark.LIMITED, f"{timing['floor'][:1].upper()}{timing['floor'][1:]}.")
+            yield Finding(Mark.UNJUDGED, f"{timing['floor'][:1].upper()}{timing['floor'][1:]}.")
 
 
 def _sections(data: Data) -> Iterator[Section]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.runs.convergence import way_of
+from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, stays
 from tensegrity_mj.studies.tradeoff.measurement import Attempt, Ended, Motion, attempt
 from tensegrity_mj.studies.tradeoff.settings import DOP853_STAGES, grid_of_steps, most_evaluations
@@ -29,6 +30,7 @@ MOST_FULL = 100  # rods; the full equations take time with the third power
 HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
 RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
 ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
+SURE = 1e-2  # of the motion: a reference known no better is none to measure against, where a shorter run has one
 FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be distinguished from it
 
 
@@ -171,6 +173,7 @@ def _facts(
         # At how many of the recorded times; None for a scene without contact.
         "touches": touches,
         "reason": reason,
+        "doubts": [] if run is None else doubts(run),
         "tried": tried,
         "fastest": fastest,
     }

@@ -30,7 +30,7 @@ from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops,
 from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.page import judgement_of, page_of
-from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, SURE, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
 PICTURE = "tradeoff.png"
@@ -38,7 +38,6 @@ FORMAT = 1
 # Points that cost more than a part of the budget are timed so many times at most: long runs vary less.
 REPEATS_BEYOND = ((1.0, 1), (0.25, 2))
 SHORTER = (1.0, 0.1, 0.01)  # of the duration: an open loop that is too stiff or too wild for a reference is shortened
-GOOD = 1e-2  # of the motion: a reference known no better is none to measure against, where a shorter run has one
 
 Data = dict[str, Any]
 
@@ -203,20 +202,20 @@ def _open(
 
 
 def _shortened(experiment: Experiment, options: TradeoffOptions, kept: Store) -> tuple[Experiment, Reference]:
-    """The experiment, shortened until a reference within the budget is known to `GOOD` of its motion."""
+    """The experiment, shortened until a reference within the budget is known to `SURE` of its motion."""
     found: list[tuple[Experiment, Reference]] = []
     for part in SHORTER:
         tried = experiment
         if part < 1:
             note = (
                 f"Shortened from {experiment.duration:g} s: of the whole, no reference within the budget is known to "
-                f"{GOOD:.0%} of the motion."
+                f"{SURE:.0%} of the motion."
             )
             shorter = float(f"{part * experiment.duration:.12g}")
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
         reference = _reference(tried, options, kept)
         found.append((tried, reference))
-        if _uncertainty(reference) <= GOOD or reference.stays:
+        if _uncertainty(reference) <= SURE or reference.stays:
             return tried, reference
     # None is good: the one that is known best, the longer of equals.
     return min(found, key=lambda one: _uncertainty(one[1]))

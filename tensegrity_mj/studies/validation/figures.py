@@ -49,7 +49,7 @@ def _nominal(data: Data) -> Iterator[Picture]:
     if not runs:
         return
     first = next(iter(runs.values()))
-    panels = ["error", *(["lyapunov"] if first["lyapunov"] else []), "force_density"]
+    panels = [*(["error"] if first["error"] else []), *(["lyapunov"] if first["lyapunov"] else []), "force_density"]
     figure = new_figure(len(panels) * COLUMN, 0.85 * COLUMN)
     labels = {"error": "target error [m]", "lyapunov": "V", "force_density": "largest u [N/m]"}
     for panel, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):

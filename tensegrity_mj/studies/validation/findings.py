@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
@@ -19,13 +20,12 @@ from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.validation.judging import (
     CONVERGED,
+    NO_MEASURE,
     OUTCOMES,
     REACHED,
-    STOPPED,
     UNKNOWN,
     Data,
     judged,
-    judgement,
     sampled,
     word_of,
 )
@@ -74,8 +74,8 @@ def row(
 ) -> Data:
     """One run in a table: what it was, how it ended, what it is judged by, and its main numbers."""
     values = _values(outcome)
-    base: Data = {"label": case.label, **case.facts, "outcome": judged(values, tolerance, setup.duration, nominal)}
-    base |= {"judgement": judgement(values, base["outcome"], tolerance, nominal).to_dict()}
+    ended, verdict = judged(values, tolerance, setup.duration, nominal)
+    base: Data = {"label": case.label, **case.facts, "outcome": ended, "judgement": asdict(verdict)}
     return base | {"end_time": values["end_time"], "message": values["message"], **_numbers(values)}
 
 
@@ -120,7 +120,7 @@ def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: 
         values = dict(_values(outcome))
         kept[engine] = values.pop("kept", None)
         series = {key: item for key, item in (kept[engine] or {}).items() if key != "nodes"}
-        ended = judged(values, tolerance, setup.duration)
+        ended, _ = judged(values, tolerance, setup.duration)
         found[engine] = {"outcome": ended, **values} | ({} if ended == "failed" else {"series": series})
     engines = [engine for engine in found if kept.get(engine)]
     differences = [
@@ -130,7 +130,7 @@ def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: 
     ]
     for engine, one in found.items():
         others = _disagreements(engine, found, differences, tolerance)
-        one["judgement"] = judgement(one, one["outcome"], tolerance, None, others).to_dict()
+        one["judgement"] = asdict(judged(one, tolerance, setup.duration, None, others)[1])
     return {"engines": found, "differences": differences}
 
 
@@ -173,7 +173,7 @@ def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance
         one["reference"] = at == number
         one["node_error"] = None if at is None or at == number else node_error(kept[number], kept[at])
     for one in rows:
-        one["judgement"] = sampled(one, tolerance).to_dict()
+        one["judgement"] = asdict(sampled(one, tolerance))
     return {"reference": "continuous" if continuous is not None else "the finest period of the mode"}
 
 
@@ -181,7 +181,7 @@ def trends(rows: Sequence[Data]) -> list[Data]:
     """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
     for gain, quantity, sign, words in STATEMENTS:
-        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in (*STOPPED, "failed", "grows")]
+        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in NO_MEASURE]
         own.sort(key=lambda one: one["factor"])
         values, factors = ([one[key] for one in own] for key in (quantity, "factor"))
         if len(values) > 1:

@@ -35,7 +35,7 @@ def page_of(data: Data) -> Page:
         f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
         f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms "
         f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
-        f"{data['tolerance']:.2g} m of its target."
+        f"{data['tolerance']:.2g} m of its target, or of where the nominal run rests if there is none."
     )
     parts = [*_sections(data), _details(data)]
     return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), parts)

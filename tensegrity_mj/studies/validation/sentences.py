@@ -12,7 +12,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.runs.judgement import BAD, GOOD, LIMITED, UNJUDGED, Verdict, in_short
-from tensegrity_mj.studies.validation.judging import REACHED, STOPPED, TOLERATED, UNKNOWN, Data, reached
+from tensegrity_mj.studies.validation.judging import NO_MEASURE, REACHED, STOPPED, TOLERATED, UNKNOWN, Data, reached
 from tensegrity_mj.studies.validation.sections import SECTIONS, Setup
 
 
@@ -94,7 +94,7 @@ def _unjudged_sentence(section: str, part: Data, nominal: Data) -> str:
         why = f"the law does not do what it should even without ({nominal['outcome']}){more}"
         why = "the nominal run is not" if nominal["judgement"]["word"] == UNJUDGED else why
         return f"{head}, because {why}. The table has the runs."
-    if nominal["outcome"] in (*STOPPED, "failed", "grows"):
+    if nominal["outcome"] in NO_MEASURE:
         return f"{head}, because the nominal run is no measure ({nominal['outcome']}). The table has the runs."
     reasons = dict.fromkeys(one["judgement"]["reason"] for one in part["rows"] if one["judgement"]["reason"])
     return f"{head}, because {in_short(list(reasons)) or 'there is no run of it'}."
@@ -191,7 +191,7 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
     # What sampling costs is stated of runs that end as the law at every stage does, well or not.
     without = {one["outcome"] for one in part["rows"] if one["mode"] == Mode.CONTINUOUS.value}
-    fine = {*REACHED, *without} - {*STOPPED, "failed", "grows"}
+    fine = {*REACHED, *without} - {*NO_MEASURE}
     for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
         own = [one for one in part["rows"] if one["mode"] == mode]
         bad = [one for one in own if one["outcome"] not in fine]
