@@ -105,7 +105,9 @@ def number(allowed: str, test: Callable[[float], bool], **limits: float | bool) 
         plain = partial(number_in, allowed=f"{allowed}, or {seconds.EXAMPLE}", test=test)
         either = {"anyOf": [schema, {**TEXT, "pattern": seconds.PATTERN}]}
         need = f"a number, or {seconds.EXAMPLE}"
-        return Kind(lambda value: plain(seconds.read(value)), need, is_time, held_time, single=True, schema=either)
+        return Kind(
+            lambda value: plain(seconds.read(value)), need, seconds.is_time, seconds.held, single=True, schema=either
+        )
     return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float, single=True, schema=schema)
 
 
@@ -395,11 +397,3 @@ def sequence(value: Any) -> tuple[Any, ...]:
 def or_none(kind: Kind) -> Kind:
     """The same, or None, for which a file has no key."""
     return kind._replace(plain=lambda value: None if value is None else kind.plain(value))
-
-
-def held_time(value: Any) -> Any:
-    return value if is_text(value) else float(value)
-
-
-def is_time(value: Any) -> bool:
-    return is_number(value) or seconds.readable(value)

@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
+from tensegrity_mj.basics.toml_values import is_number
+
 DIGITS = 3  # of a number that is taken as rounded: it is open by at most 0.5 % of itself
 TRIED = 1000  # divisors near a step
 AS_ONE = 1e-9  # relative: what counts as a multiple
@@ -47,9 +49,14 @@ def read(value: Any) -> Any:
     return found
 
 
-def readable(value: Any) -> bool:
-    """Whether a text means a time."""
-    return isinstance(read(value), Rounded)
+def is_time(value: Any) -> bool:
+    """Whether TOML gave a number, or a text that means a time."""
+    return is_number(value) or isinstance(read(value), Rounded)
+
+
+def held(value: Any) -> Any:
+    """What a file holds of a time, for `read`."""
+    return value if isinstance(value, str) else float(value)
 
 
 def is_multiple(time: float, step: float) -> bool:

@@ -466,3 +466,30 @@ def test_the_floor_is_where_the_scene_has_it() -> None:
     # It falls 0.7 m along the normal, and rests with the weight on it, at a depth of parts of a millimetre.
     assert run.nodes[-1, 0] @ normal == pytest.approx(-0.7, abs=1e-3)
     np.testing.assert_allclose(run.reports["contact"]["final_forces"]["p"], 0.5 * G * normal, rtol=0, atol=1e-6)
+
+
+def test_a_start_may_rest_on_a_floor_and_no_deeper_than_twice_as_deep() -> None:
+    """A ball of mass m under a load of nine times its weight presses with A = 10 g: (1 - d) A = d k r at rest.
+
+    With d₀ = d₁ = d that is r = (1 - d) A d₁² / (d² stiffness) = (1 - d) A / stiffness, of which twice is allowed.
+    """
+    depth = 2 * (1 - 0.9) * 10 * 9.81 / 1e4
+    contact = tmj.model.Contact(floor=0.0, stiffness=1e4, impedance=(0.9, 0.9, 1e-3, 0.5, 2))
+    structure = tmj.Structure("ball", {"p": (0.0, 0.0, 0.0)}, point_masses=[tmj.PointMass("p", 2.0)])
+    load = tmj.model.Load("p", (0.0, 0.0, -9 * 2.0 * 9.81))
+
+    def start(z: float) -> tmj.Scene:
+        scene = tmj.Scene(structure, gravity=(0, 0, -9.81), loads=(load,))
+        return scene.with_(initial_nodes=[[0.0, 0.0, z]], contact=contact)
+
+    start(-0.999 * depth)
+    with pytest.raises(tmj.errors.SceneError, match=rf"inside the floor: start higher.*; {depth:.3g} m are allowed"):
+        start(-1.001 * depth)
+
+
+def test_a_run_begins_where_a_landing_came_to_rest() -> None:
+    """It was refused at 1.06 mm: the weight of the prism on three feet; on one, 2 x 1.32 mm are allowed."""
+    scene = tmj.load_scene("prism_drop")
+    run = tmj.simulate(scene, None, tmj.MuJoCo(5e-4), duration=1.5)
+    again = tmj.simulate(scene.with_(initial_nodes=run.nodes[-1]), None, tmj.MuJoCo(5e-4), duration=0.05)
+    assert again.status is tmj.Status.COMPLETED

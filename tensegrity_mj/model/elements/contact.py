@@ -206,25 +206,59 @@ def segment_distances(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
     """What touches or overlaps at these node positions, in words that say by how much; none: empty."""
+    return [text for text, _, _ in _overlaps(structure, contact, nodes)]
+
+
+def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tuple[str, float, float]]:
+    """What overlaps, in words; by how much [m]; and the least mass [kg] that such a contact feels.
+
+    A rod's end feels m/4 of a free rod (1/m + (ℓ/2)²/J = 4/m), which all that it hangs on increases; two rods feel half
+    of the mean, by 1/m₁ + 1/m₂.
+    """
     found = []
-    owner = {name: f"rod '{rod.name}' at node '{name}'" for rod in structure.rods for name in rod.nodes}
-    owner |= {point.node: f"the point mass on node '{point.node}'" for point in structure.lone_masses}
+    owner = {name: (f"rod '{rod.name}' at node '{name}'", rod.mass / 4) for rod in structure.rods for name in rod.nodes}
+    owner |= {one.node: (f"the point mass on node '{one.node}'", one.mass) for one in structure.lone_masses}
     for name, gap in zip(structure.node_names, floor_gaps(structure, contact, nodes), strict=True):
         if gap < 0:
-            found.append(f"{owner[name]} is {-gap:.3g} m inside the floor")
+            found.append((f"{owner[name][0]} is {-gap:.3g} m inside the floor", -float(gap), owner[name][1]))
     if contact.terrain is not None:
         for rod, (start, end) in zip(structure.rods, nodes[structure.rod_nodes], strict=True):
             # A ridge may be between the nodes: balls along it, no further apart than matters.
             count = 2 + int(np.linalg.norm(end - start) / max(rod.radius, 0.1 * contact.terrain.spacing))
             balls = np.linspace(start, end, count)
             gap = float(_clearance(contact, balls, np.full(count, rod.radius)).min())
-            if gap < 0 and not any(repr(rod.name) in text for text in found):
-                found.append(f"rod '{rod.name}' is {-gap:.3g} m inside the floor between its nodes")
+            if gap < 0 and not any(repr(rod.name) in text for text, _, _ in found):
+                found.append(
+                    (f"rod '{rod.name}' is {-gap:.3g} m inside the floor between its nodes", -gap, rod.mass / 4)
+                )
     if contact.rods and len(structure.rods) > 1:
         pairs, gaps = rod_gaps(structure, nodes)
         for (i, j), gap in zip(pairs[gaps < 0], gaps[gaps < 0], strict=True):
-            found.append(f"rods '{structure.rods[i].name}' and '{structure.rods[j].name}' overlap by {-gap:.3g} m")
+            one, other = structure.rods[i], structure.rods[j]
+            felt = one.mass * other.mass / (one.mass + other.mass) / 4
+            found.append((f"rods '{one.name}' and '{other.name}' overlap by {-gap:.3g} m", -float(gap), felt))
     return found
+
+
+def carrying_depth(contact: Contact, acceleration: float) -> float:
+    """Depth [m] up to which a start may overlap: twice that at which a contact carries what presses on it, at rest.
+
+    Where a force presses on the mass that a contact feels with an acceleration A, a = 0 and v = 0 give
+    (1 - d) A = d k r, or r = (1 - d) d₁² A / (d² stiffness): its right side falls as d grows with r, so that there is
+    one such r. A load that is put on a spring at once sinks in twice as deep as it rests, and dampers only lessen it.
+    """
+    d0, d1, width, middle, power = contact.impedance
+
+    def rests(depth: float) -> bool:
+        x = min(depth / width, 1.0)
+        rise = x**power / middle ** (power - 1) if x <= middle else 1 - (1 - x) ** power / (1 - middle) ** (power - 1)
+        d = d0 + (d1 - d0) * rise
+        return depth >= (1 - d) * d1**2 * acceleration / (d**2 * contact.stiffness)
+
+    low, high = 0.0, (1 - d0) * d1**2 * acceleration / (d0**2 * contact.stiffness)
+    for _ in range(100):
+        low, high = (low, 0.5 * (low + high)) if rests(0.5 * (low + high)) else (0.5 * (low + high), high)
+    return 2 * high
 
 
 def check_contact(scene: Scene) -> None:
@@ -242,12 +276,31 @@ def check_contact(scene: Scene) -> None:
             f"terrain: the point mass on node '{scene.structure.lone_masses[0].node}' would touch it, which has no "
             "size; rods alone may: put it on a rod, or leave the terrain out",
         )
-    found = overlaps(scene.structure, contact, scene.nodes0)
+    overlapping = _overlaps(scene.structure, contact, scene.nodes0)
+    weight = _weight(scene) if overlapping else 0.0
+    allowed = [carrying_depth(contact, weight / mass) for _, _, mass in overlapping]
+    found = [(text, most) for (text, depth, _), most in zip(overlapping, allowed, strict=True) if depth > most]
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         remedy = (
             "start higher, lower the floor, or make rods thinner"
-            if "floor" in found[0]
+            if "floor" in found[0][0]
             else ("move them apart, make them thinner, or leave rods = False")
         )
-        raise refused(contact, f"at the start {found[0]}{more}: {remedy}")
+        text, most = found[0]
+        raise refused(
+            contact,
+            f"at the start {text}{more}: {remedy}; {most:.3g} m are allowed, twice the depth at which this contact "
+            "alone would carry the weight and the loads of all",
+        )
+
+
+def _weight(scene: Scene) -> float:
+    """Weight and loads [N] that may press on a contact at the start."""
+    structure = scene.structure
+    mass = float(structure.rod_masses.sum()) + sum(one.mass for one in (*structure.lone_masses, *structure.bodies))
+    if callable(scene.loads):
+        loads = float(np.linalg.norm(np.asarray(scene.loads(0.0), float), axis=1).sum())
+    else:
+        loads = float(sum(np.linalg.norm(load.force) for load in scene.loads))
+    return mass * float(np.linalg.norm(scene.gravity)) + loads
