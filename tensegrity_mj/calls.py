@@ -102,7 +102,7 @@ def _objects(given: dict[str, Any]) -> dict[str, Any]:
 def _law(scene: Scene, law: Any) -> Any:
     if not isinstance(law, str):
         return law
-    return None if law == "none" else controllers.from_scene(scene, law)
+    return None if law == "none" else controllers.from_scene(getattr(scene, "scene", scene), law)
 
 
 def _engine(call: str, own: list[str], engine: Any, options: dict[str, Any]) -> Any:
@@ -130,7 +130,7 @@ def _scene(given: Any) -> Any:
 
 @with_texts(simulation.simulate)
 def simulate(
-    scene: AnyScene,
+    scene: AnyScene | Trajectory,
     controller: AnyLaw = SCENE_LAW,
     engine: simulation.Engine | str | None = None,
     *,

@@ -11,12 +11,14 @@ from typing import Any, Protocol
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw
+from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
+from tensegrity_mj.engines.continuing import start_of
 from tensegrity_mj.engines.request import Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
-from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.redundancy import approached
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -32,7 +34,7 @@ class Engine(Protocol):
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | Trajectory,
     controller: AnyLaw = SCENE_LAW,
     engine: Engine | None = None,
     *,
@@ -45,11 +47,11 @@ def simulate(
     """Simulate a scene under a control law in one engine.
 
     Args:
-        scene: the experiment.
+        scene: the experiment; or a run, to go on from its end (docs/engines.md), with its actuation by default.
         controller: a law (see `law`), or a function (time, nodes, velocities) -> u; the scene's own law by default
             (SCENE_LAW), where it names one. None for no law: constant rest lengths.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`.
-        duration: [s]; the scene's by default.
+        duration: [s]; the scene's by default, and of a run that goes on what is left of it.
         actuation: what happens between evaluations of the law; continuous by default.
         on_infeasible: what to do where the law has no admissible solution.
         output_interval: [s] between recorded samples; by default the multiple of the step nearest below 0.01 s.
@@ -70,11 +72,20 @@ def simulate(
         ControllerError: when the law fails or returns something that is no control.
         SceneError: where a support's motion, given as data, ends on its way within the run.
     """
+    before = scene if isinstance(scene, Trajectory) else None
+    if isinstance(scene, Trajectory):
+        scene, duration, actuation = _goes_on(scene, duration, actuation)
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     engine = checked_engine(engine)
     require(engine, scene)
+    controller = law_for(scene, default := controller)
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     engine, request, taken = settled(engine, request)
+    if before is not None:
+        request = replace(request, start=start_of(before, engine, controller))
+        check_motions_until(scene, float(before.time[-1]) + request.duration)
+        if default is SCENE_LAW and request.law.description != before.provenance.get("controller"):
+            raise OptionError("the run to go on from was not under the scene's own law: give its law, or None for none")
     law, actuation = request.law, request.actuation
     checked = warn_before_run(scene, engine, law, actuation)
     try:
@@ -97,6 +108,19 @@ def simulate(
         run.reports["taken"] = taken
     run.provenance.update(provenance_of(request, engine))
     return run
+
+
+def _goes_on(
+    run: Trajectory, duration: float | None, actuation: Actuation | None
+) -> tuple[Scene, float, Actuation | None]:
+    """The scene of a run that goes on, for how long, and how its law acts."""
+    left = run.scene.duration - float(run.time[-1]) if duration is None else duration
+    if duration is None and left <= 0:
+        raise OptionError(f"the run has reached the scene's duration, {run.scene.duration:g} s: give one to go on for")
+    held = run.provenance.get("actuation") or {}
+    if actuation is None and held.get("mode", "continuous") != "continuous":
+        actuation = Actuation(held["mode"], held["period"])
+    return run.scene, left, actuation
 
 
 def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **options: Any) -> Trajectory:

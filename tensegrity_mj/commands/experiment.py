@@ -103,10 +103,10 @@ def actuation_of(options: argparse.Namespace) -> model.Actuation:
 
 def simulated(
     options: argparse.Namespace,
-    scene: model.Scene,
+    scene: model.Scene | runs.Trajectory,
     law: Any,
     engine: Any,
-    actuation: model.Actuation,
+    actuation: model.Actuation | None,
     duration: float | None = None,
     output_interval: float | None = None,
 ) -> runs.Trajectory:

@@ -40,18 +40,23 @@ def execute(options: argparse.Namespace) -> Outcome:
         require_display()
 
     scene = library.load_scene(options.scene)
+    before = _before(options.from_, scene)
     if options.water_loads and scene.water is None:
         raise OptionError(f"--water-loads: scene '{scene.name}' has no water")
     if options.replay:
         law, actuation, duration = _replay_of(options)
     else:
         law, actuation, duration = experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
+    if before is not None:
+        left = scene.duration - float(before.time[-1])
+        duration = duration or (left if left > 0 else None)
+    held = actuation if before is None or options.actuation else None  # that of the run that goes on
     engine = experiment.engine_of(options.engine, options, duration or scene.duration)
     after = options.statistics
     if after is not None and after >= (duration or scene.duration):
         raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")
     try:
-        run = experiment.simulated(options, scene, law, engine, actuation, duration, options.output_interval)
+        run = experiment.simulated(options, before or scene, law, engine, held, duration, options.output_interval)
     except DivergenceError as error:
         if error.trajectory is None:
             raise
@@ -120,6 +125,16 @@ def describe(data: dict[str, Any]) -> str:
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot", "web") if data[name]]
     return table(rows)
+
+
+def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
+    """The run of --from, with the scene as it is now."""
+    if path is None:
+        return None
+    before = runs.Trajectory.load(path)
+    if before.scene.structure.node_names != scene.structure.node_names:
+        raise OptionError(f"--from {path}: a run of scene '{before.scene.name}', whose nodes are others")
+    return replace(before, scene=scene)
 
 
 def _error(data: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from tensegrity_mj.dynamics.native.plant_view import PLANT
 from tensegrity_mj.dynamics.native.views import Table, fields_of
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 
 DEFAULT_INTERVAL = 0.01  # s: a hundred samples a second
@@ -32,12 +33,13 @@ STEPPED = fields_of(  # the table of a plant that is driven in fixed steps: the 
 
 @dataclass(frozen=True)
 class Grid:
-    """Fixed steps: how many, how many a row, how many a control period (0: the law is not sampled)."""
+    """Fixed steps: how many, how many a row, how many a control period (0: the law is not sampled), and the first."""
 
     step: float
     count: int
     stride: int
     ratio: int
+    first: int = 0
 
     @classmethod
     def of(cls, request: Request, step: float) -> Grid:
@@ -51,11 +53,19 @@ class Grid:
         count = steps["duration"]
         stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
         check_rows(count / stride)
-        return cls(step, count, min(stride, count), steps.get("control period", 0))
+        first = 0
+        if request.start is not None:
+            first, stride = whole_ratio(request.start.time, step, "start over the time step"), min(stride, count)
+            if first % stride:
+                raise OptionError(
+                    f"the run goes on from {request.start.time:.9g} s, which is no multiple of the output interval, "
+                    f"{stride * step:.9g} s: give one that divides it"
+                )
+        return cls(step, count, min(stride, count), steps.get("control period", 0), first)
 
     def describe(self, plant: Table, rows: Array) -> None:
         """Set it in the table of a plant (`STEPPED`), with the rows to be recorded."""
-        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.count, rows=rows)
+        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.first + self.count, rows=rows)
 
     @property
     def times(self) -> Array:
@@ -63,7 +73,7 @@ class Grid:
         steps = np.arange(0, self.count + 1, self.stride)
         if steps[-1] != self.count:
             steps = np.append(steps, self.count)
-        return np.asarray(steps * self.step, float)
+        return np.asarray((self.first + steps) * self.step, float)
 
 
 def output_times(request: Request) -> Array:

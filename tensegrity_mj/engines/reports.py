@@ -337,7 +337,7 @@ def _decay_error(request: Request, run: Trajectory) -> tuple[float | None, float
     """
     if request.law.decay_rate is None or len(run.time) == 0 or not run.lyapunov[0] > V_ROUND_OFF:
         return None, 0.0
-    promised = run.lyapunov[0] * np.exp(-request.law.decay_rate * run.time)
+    promised = run.lyapunov[0] * np.exp(-request.law.decay_rate * (run.time - run.time[0]))
     resolved = promised > V_RESOLVED * run.lyapunov[0]
     error = np.abs(run.lyapunov[resolved] / promised[resolved] - 1)
     return float(error.max()), float(run.time[resolved][np.argmax(error > DECAY_WARNING)])

@@ -11,6 +11,7 @@ from tensegrity_mj.basics.checks import instance, member, positive
 from tensegrity_mj.basics.seconds import Rounded, fitted, read
 from tensegrity_mj.controllers.scenes import AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
+from tensegrity_mj.engines.continuing import Start
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -29,6 +30,7 @@ class Request:
     duration: float = 1.0
     output_interval: float | None = None
     progress: bool = False
+    start: Start | None = None  # where it goes on from another run
 
     @property
     def sampled(self) -> bool:
@@ -45,7 +47,8 @@ class Request:
         if self.sampled:
             assert self.actuation.period is not None
             found["control period"] = self.actuation.period
-        breaks = [one for one in self.scene.breaks if 0 < one.time < self.duration]
+        begin = 0.0 if self.start is None else self.start.time
+        breaks = [one for one in self.scene.breaks if begin < one.time < begin + self.duration]
         return found | {f"break of string '{one.string}'": one.time for one in breaks}
 
 

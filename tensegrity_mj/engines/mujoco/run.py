@@ -13,6 +13,7 @@ from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
+from tensegrity_mj.engines.continuing import kept
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.contact import Contacts
@@ -114,25 +115,39 @@ class MuJoCoRun:
             resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),
         )
         set_answering(scene, self.tree, self.model, plant)
+        if request.start is not None:
+            request.start.put_back(plant, **self._own)
+            self.counters[STEP] = self.grid.first
+            self.data.time = request.start.time
+
+    @property
+    def _own(self) -> dict[str, Array]:
+        """What a run that goes on needs besides its plant."""
+        data = self.data
+        return {"qpos": data.qpos, "qvel": data.qvel, "qacc_warmstart": data.qacc_warmstart, "work": self.plant["work"]}
 
     def run(self) -> Trajectory:
-        counters = self.counters
+        counters, begin, end = self.counters, self.grid.first, {}
         with installed(self.plant) as texts:
             self._warm_up()
             clock = Stopwatch(self.request)
 
             def advance(first: int, count: int) -> int:
-                self._advance(first, count)
+                self._advance(begin + first, count)
                 if counters[ENDED] == RUNNING:
-                    self._check(first + count, clock.seconds)
-                return int(counters[STEP])
+                    self._check(begin + first + count, clock.seconds)
+                return int(counters[STEP]) - begin
 
             if drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
+                end = kept(self.options, self.plant, **self._own)
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
             if counters[ENDED] != RUNNING:
                 finish(self.plant.address)
-        return self.conclude(seconds, texts)
+        found = self.conclude(seconds, texts)
+        if end and not self.options.locate_slack:
+            found.provenance["end"] = end
+        return found
 
     def _advance(self, first: int, count: int) -> None:
         """`count` steps from number `first`."""
@@ -141,7 +156,7 @@ class MuJoCoRun:
     @property
     def evaluations(self) -> int:
         """Of the forces, up to now."""
-        return int(self.counters[STEP]) * self.plant["stages"]
+        return (int(self.counters[STEP]) - self.grid.first) * self.plant["stages"]
 
     @property
     def ended_early(self) -> float | None:
@@ -228,7 +243,11 @@ class MuJoCoRun:
         if self.joints is not None:
             rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width], pushes)
             reports |= found
-        cost = {"wall_time": seconds, "steps": int(self.counters[STEP]), "evaluations": self.evaluations}
+        cost = {
+            "wall_time": seconds,
+            "steps": int(self.counters[STEP]) - self.grid.first,
+            "evaluations": self.evaluations,
+        }
         engine = {
             "name": "MuJoCo",
             "timestep": self.options.timestep,

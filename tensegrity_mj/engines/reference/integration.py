@@ -14,6 +14,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES
 from tensegrity_mj.dynamics.native.slack import search_of
+from tensegrity_mj.engines import continuing
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
@@ -70,8 +71,9 @@ class IntegratedRun:
         self.y = np.concatenate([y, plant.elements.states[0]])
         plant.set(coordinates=nq, state_size=len(y), gravity=np.array(scene.gravity), multipliers=self.multipliers)
         self.width = plant["row_width"] + len(self.multipliers)
-        self.evaluations = 0
-        self.steps = 0
+        if request.start is not None:
+            request.start.put_back(plant, y=self.y)
+        self.evaluations = self.steps = self.first = 0
 
     def rates_at(self, time: float, y: Array, rest_lengths: Array | None) -> Array:
         """dy/dt at one state, without a step; rest lengths (M,) [m] instead of the structure's where no law sets them.
@@ -103,7 +105,7 @@ class IntegratedRun:
             }
         constraint_forces = rows[:, rows.shape[1] - len(self.request.scene.structure.constraints) :].copy()
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
-        cost = {"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations}
+        cost = {"wall_time": seconds, "steps": self.steps - self.first, "evaluations": self.evaluations}
         return make_trajectory(
             self.request,
             self.options,
@@ -120,8 +122,11 @@ class IntegratedRun:
         assert step is not None
         grid = Grid.of(self.request, step)
         times = grid.times
-        rows = allocate_rows(len(times), self.width)
-        grid.describe(self.plant, rows)
+        self.first, before_first = grid.first, grid.first // grid.stride  # compiled code numbers rows by steps
+        all_rows = allocate_rows(before_first + len(times), self.width)
+        rows = all_rows[before_first:]
+        grid.describe(self.plant, all_rows)
+        self.plant["total"] += 1  # the state is kept before the last row is seen to
         self.plant["search"] = search_of(self.plant["string_count"]) if self.options.locate_slack else 0
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         rk4_steps(self.table, self.y, 0, 0)  # compiles
@@ -136,7 +141,7 @@ class IntegratedRun:
 
         def advance(first: int, count: int) -> int:
             nonlocal status
-            self.steps, status, evaluations = rk4_steps(self.table, self.y, first, count)
+            self.steps, status, evaluations = rk4_steps(self.table, self.y, grid.first + first, count)
             self.evaluations += evaluations
             if status == SOLVED and not np.all(np.isfinite(self.y)):
                 time = self.steps * step
@@ -144,13 +149,17 @@ class IntegratedRun:
                 check_energy(partial, remedy)
                 text = f"diverged by t = {time:.6g} s: the state is no longer finite; {remedy}"
                 raise DivergenceError(text, time, partial)
-            return self.steps
+            return self.steps - grid.first
 
-        drive(grid, self.request, f"{self.name} RK4", advance)
+        if drive(grid, self.request, f"{self.name} RK4", advance):
+            end = {} if self.options.locate_slack else {"end": continuing.kept(self.options, self.plant, y=self.y)}
+            self.plant["total"] -= 1
+            self.steps, status, _ = rk4_steps(self.table, self.y, self.steps, 0)
         if status == SOLVED:
             self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
             run = recorded(times, Status.COMPLETED, "")
             check_energy(run, remedy)
+            run.provenance.update(end)
             return run
         time = self.steps * step
         kept = np.concatenate([times[times < time - 0.5 * step], [time]])

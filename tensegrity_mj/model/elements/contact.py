@@ -298,7 +298,8 @@ def check_contact(scene: Scene) -> None:
 def _weight(scene: Scene) -> float:
     """Weight and loads [N] that may press on a contact at the start."""
     structure = scene.structure
-    mass = float(structure.rod_masses.sum()) + sum(one.mass for one in (*structure.lone_masses, *structure.bodies))
+    mass = float(structure.rod_masses.sum()) + sum(one.mass for one in structure.lone_masses)
+    mass += sum(one.mass for one in structure.bodies)
     if callable(scene.loads):
         loads = float(np.linalg.norm(np.asarray(scene.loads(0.0), float), axis=1).sum())
     else:

@@ -1,0 +1,87 @@
+"""Runs that go on from where another ended: what is kept of its last whole step, and put back.
+
+`provenance["end"]` of a run has, exactly, the engine's coordinates, what the winches and the law held, what elements
+and strings that yield remember, and the ledger. Steps, samples, breaks, loads and motions go on by the run's own time.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers.degraded import Delayed
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+OF_STRINGS = ("held", "memory", "permanent", "last_stretch", "broken", "sampled_lengths")
+ARRAYS = (*OF_STRINGS, "element_states", "winch", "held_mass", "report")
+NUMBERS = ("yielded_at", "breaking", "suspended", "holds_force_density")
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a run goes on.
+
+    Attributes:
+        time: [s].
+        parts: what `kept` has kept, by names.
+    """
+
+    time: float
+    parts: Mapping[str, Array]
+
+    def put_back(self, plant: Table, **own: Array) -> None:
+        """Set a plant and an engine's own arrays to what they were.
+
+        Raises:
+            OptionError: where they are of another size.
+        """
+        for name, target in {**{name: plant[name] for name in ARRAYS}, **own}.items():
+            if target.size != self.parts[name].size:
+                raise OptionError(
+                    f"the run to go on from has {self.parts[name].size} numbers of {name}, and this one {target.size}: "
+                    "go on with the same scene, supports, elements and solver"
+                )
+            target.flat[:] = self.parts[name]
+        for name in NUMBERS:
+            plant[name] = type(plant[name])(self.parts[name][0])
+
+
+def kept(engine: Any, plant: Table, **own: Array) -> dict[str, str]:
+    """What `Start` puts back, as texts."""
+    parts = {**{name: plant[name] for name in ARRAYS}, **own, **{name: [plant[name]] for name in NUMBERS}}
+    coded = {name: base64.b64encode(np.array(part, float).tobytes()).decode() for name, part in parts.items()}
+    return {"engine": _kind(engine), **coded}
+
+
+def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
+    """Where a run goes on that an engine is to continue.
+
+    Raises:
+        OptionError: for a run that kept no such state, one that ended early, another engine, and laws that keep states.
+    """
+    end = run.provenance.get("end")
+    if run.status is not Status.COMPLETED or end is None:
+        raise OptionError(
+            f"the run of {run.engine} ({run.status.value}) cannot be gone on from: MuJoCo, and RK4 of DAE and ODE, "
+            "keep the state of their end, without locate_slack, accuracy, or many runs at once"
+        )
+    if end["engine"] != _kind(engine) or getattr(engine, "locate_slack", False):
+        raise OptionError(f"engine = {engine}: the run to go on from is of {run.engine}: use that engine")
+    while law is not None:
+        if isinstance(law, Delayed):
+            raise OptionError("the law Delayed keeps what it measured before, which no run records: leave it out")
+        law = getattr(law, "law", None)
+    parts = {name: np.frombuffer(base64.b64decode(text)) for name, text in end.items() if name != "engine"}
+    return Start(float(run.time[-1]), parts)
+
+
+def _kind(engine: Any) -> str:
+    """An engine, and what decides its coordinates."""
+    return " ".join([engine.descriptor.title, *(one.value for one in (getattr(engine, "solver", None),) if one)])

@@ -1,0 +1,123 @@
+"""Runs that go on from where another ended: the same, to the bit, as one run of the whole time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tensegrity_mj as tmj
+from tensegrity_mj.cli import main
+from tensegrity_mj.runs.variables import STATES, VARIABLES
+
+H, HALF = 1e-3, 0.05
+WINCH = tmj.Actuation.hold_rest_length(0.012)  # whose samples do not fall on the middle
+
+
+def hung(**more: Any) -> tmj.Scene:
+    """A mass on two strings, one of which yields, thrown aside; it lands in them within the first half."""
+    structure = tmj.Structure(
+        "hung",
+        {"top": (0.0, 0.0, 1.0), "left": (-1.0, 0.0, 0.2), "p": (0.0, 0.0, 0.0)},
+        point_masses=[tmj.PointMass("p", 1.0)],
+        strings=[
+            tmj.String(
+                "y", ("top", "p"), 4000.0, 1.0, rest_length=0.99, curve=[(0.005, 20.0), (0.05, 30.0)], yields=True
+            ),
+            tmj.String("s", ("left", "p"), 300.0, 0.5, rest_length=1.0),
+        ],
+        fixed_nodes=("top", "left"),
+    )
+    start = np.array([[0, 0, 0], [0.3 * np.pi if "motions" in more else 0, 0, 0], [0.3, 0.2, -1.0]])
+    return tmj.Scene(structure, gravity=(0, 0, -9.81), initial_velocities=start, duration=2 * HALF, **more)
+
+
+SCENES: dict[str, tuple[Any, Any, Any]] = {  # scene, law, actuation
+    "yielded strings and a load in time": (
+        lambda: hung(loads=(tmj.model.Load("p", (3.0, 0.0, 1.0), 40.0),)),
+        None,
+        None,
+    ),
+    "a broken string and one to break": (
+        lambda: hung(breaks=(tmj.model.Break("s", 0.02), tmj.model.Break("y", 0.08))),
+        None,
+        None,
+    ),
+    "a support that moves": (
+        lambda: hung(motions=(tmj.model.Motion.in_line("left", amplitude=0.05, direction=(1, 0, 0), frequency=3.0),)),
+        None,
+        None,
+    ),
+    "a sampled law": (lambda: tmj.load_scene("prism"), "lyapunov", WINCH),
+    "a law": (lambda: tmj.load_scene("prism"), "lyapunov", None),
+}
+ENGINES: dict[str, Any] = {
+    "MuJoCo": tmj.MuJoCo(H),
+    "MuJoCo Euler": tmj.MuJoCo(H, "euler"),  # type: ignore[arg-type]
+    "DAE": tmj.DAE(method=tmj.Method.RK4, timestep=H),
+}
+
+
+def check(whole: tmj.Trajectory, second: tmj.Trajectory) -> None:
+    """All that is recorded, to the bit; the ledger from the middle on, to the ulps of what was taken off."""
+    row = int(np.searchsorted(whole.time, second.time[0]))
+    for name in (*VARIABLES, *STATES):
+        one, other = getattr(whole, name)[row:], getattr(second, name)
+        if name in ("winch_work", "external_work", "dissipation"):
+            scale = np.abs(getattr(whole, name)).max(initial=0.0) + np.abs(whole.string_energy).max(initial=0.0)
+            np.testing.assert_allclose(other, one - one[:1], rtol=0, atol=8 * np.finfo(float).eps * scale)
+        else:
+            assert np.array_equal(one, other, equal_nan=True) or one.size == other.size == 0, name
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("case", SCENES)
+def test_two_halves_are_the_whole(case: str, engine: str, tmp_path: Path) -> None:
+    make, law, actuation = SCENES[case]
+    scene, options = make(), {"actuation": actuation, "output_interval": 0.01}
+    whole = tmj.simulate(scene, law, ENGINES[engine], duration=2 * HALF, **options)
+    first = tmj.simulate(scene, law, ENGINES[engine], duration=HALF, **options)
+    check(whole, tmj.simulate(first, law, ENGINES[engine], duration=HALF, output_interval=0.01))
+    again = tmj.Trajectory.load(first.save(tmp_path / "run.nc"))
+    check(whole, tmj.simulate(again, law, ENGINES[engine], duration=HALF, output_interval=0.01))
+
+
+def test_a_landing_goes_on() -> None:
+    """With spins, and what MuJoCo's solver of contact starts with."""
+    scene = tmj.load_scene("prism_drop")
+    engine = tmj.MuJoCo(5e-4)
+    whole = tmj.simulate(scene, None, engine, duration=0.8)
+    check(whole, tmj.simulate(tmj.simulate(scene, None, engine, duration=0.6), None, engine, duration=0.2))
+
+
+def test_what_cannot_go_on_says_why() -> None:
+    scene = hung()
+    first = tmj.simulate(scene, engine=tmj.MuJoCo(H), duration=HALF)
+    rest = tmj.simulate(first, engine=tmj.MuJoCo(H))
+    assert (rest.time[0], rest.time[-1]) == (first.time[-1], scene.duration)
+    for run, engine, message in (
+        (first, tmj.DAE(), "the run to go on from is of MuJoCo"),
+        (rest, tmj.MuJoCo(H), "has reached the scene's duration"),
+        (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be gone on from"),
+        (first, tmj.MuJoCo(3e-3), "no multiple"),
+    ):
+        with pytest.raises(tmj.errors.OptionError, match=message):
+            tmj.simulate(run, engine=engine)
+    prism = tmj.simulate("prism", None, tmj.MuJoCo(H), duration=HALF)
+    with pytest.raises(tmj.errors.OptionError, match="was not under the scene's own law"):
+        tmj.simulate(prism, engine=tmj.MuJoCo(H))
+    law = tmj.controllers.Delayed(tmj.controllers.from_scene(prism.scene), 1, 0.01)
+    with pytest.raises(tmj.errors.OptionError, match="the law Delayed keeps"):
+        tmj.simulate(prism, law, tmj.MuJoCo(H), actuation=tmj.Actuation.hold_rest_length(0.01))
+
+
+def test_the_command_goes_on_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = str(tmp_path / "first.nc"), str(tmp_path / "second.nc")
+    assert main(["run", "prism", "--duration", "0.05", "--out", first]) == 0
+    assert main(["run", "prism", "--from", first, "--duration", "0.05", "--out", second]) == 0
+    assert "warning" not in capsys.readouterr().err
+    check(tmj.simulate("prism", duration=0.1), tmj.Trajectory.load(second))
+    assert main(["run", "tbar", "--from", first]) == 2
+    assert "a run of scene 'prism', whose nodes are others" in capsys.readouterr().err
