@@ -179,7 +179,7 @@ def seconds(text: str) -> Rounded:
     if not isinstance(value, Rounded):
         positive(text)  # which says what it is not
     if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: it must be > 0, such as 0.001 or 1/4800")
+        raise argparse.ArgumentTypeError(f"{text}: it must be > 0")
     return value
 
 
