@@ -86,7 +86,7 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
     if structure.ropes and all(np.size(x) in (1, len(structure.given.strings)) for x in changes.values()):  # type: ignore[arg-type]
         members = structure.given.strings
     count = len(members)
-    columns: dict[str, Sequence[float | None]] = {}
+    columns: dict[str, list[float | None]] = {}
     if set(changes) & set(PRESTRESS):
         columns = {key: [None] * count for key in PRESTRESS}
     for key, values in changes.items():
@@ -95,11 +95,18 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
         else:
             columns[key] = real_array(key, values, (count,), error=StructureError).tolist()
     columns.setdefault("stiffness", [string.stiffness for string in members])
+    if changes.get("rest_length") is not None:
+        for row, string in enumerate(members):  # which `rest_lengths` has as 0
+            if string.is_constant and columns["rest_length"][row] == 0:
+                columns["rest_length"][row], columns["tension"][row] = None, string.tension
     strings = (
         string.scaled_to(**{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
         for row, string in enumerate(members)
     )
-    return replace(structure, strings=tuple(strings))
+    ropes = structure.ropes
+    if members is structure.strings and changes.get("rest_length") is not None:
+        ropes = tuple(rope.by_rest_length() for rope in ropes)
+    return replace(structure, strings=tuple(strings), ropes=ropes)
 
 
 def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, prefix: str) -> Structure:

@@ -93,6 +93,11 @@ class Rope:
         points = (PointMass(name, (string.mass or 0.0) / n, plane) for name in names[:n])
         return cls(string, tuple(parts), tuple(points), tuple((x, y, z) for x, y, z in places.tolist()))
 
+    def by_rest_length(self) -> Rope:
+        """The rope given by the rest length that it has, whatever it was given by: elsewhere it keeps that."""
+        rest = sum(part.rest_length or 0.0 for part in self.parts)
+        return replace(self, string=replace(self.string, rest_length=rest, tension=None, force_density=None))
+
     @property
     def nodes(self) -> tuple[str, ...]:
         """(n,) the nodes of its points."""

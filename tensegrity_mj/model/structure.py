@@ -115,7 +115,8 @@ class Structure:
         Values are scalars or (M,); of a structure with ropes, scalars and one value for each of its strings as given
         are of ropes as wholes. Giving a rest length, tension or force density replaces whichever of the three was
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
-        is lifted, and a strength of None is unknown. A stiffness scales the tensions of a string's curve.
+        is lifted, and a strength of None is unknown. A stiffness scales the tensions of a string's curve. A constant
+        force has no rest length: with 0, as `rest_lengths` has it, it stays.
         """
         return with_strings(self, changes)
 
