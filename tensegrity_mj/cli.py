@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import os
 import sys
 import traceback
@@ -87,8 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.version:
             from importlib.metadata import version
 
-            print(version("tensegrity-mj"))
-            return ExitCode.SUCCESS
+            return int(ExitCode.SUCCESS if _print(version("tensegrity-mj")) else ExitCode.BAD_INPUT)
         if not hasattr(options, "execute"):
             parser.error(f"name a command: {', '.join(parser.commands)}")
         with _stdout_to_stderr(), _warnings_in_one_line():
@@ -113,8 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         traceback.print_exc()
         return _fail(ExitCode.PROGRAM_ERROR, f"{type(error).__name__}: {error}", as_json)
-    _print(answer)
-    return int(outcome.code)
+    return int(outcome.code) if _print(answer) else int(ExitCode.BAD_INPUT)
 
 
 def _code_of_error(error: TensegrityError) -> ExitCode:
@@ -137,13 +136,25 @@ def _fail(code: ExitCode, message: str, as_json: bool) -> int:
     return int(code)
 
 
-def _print(text: str) -> None:
-    """Print; a reader that went away (`| head`) is no error of ours."""
+def _print(text: str) -> bool:
+    """Print on stdout, or report on stderr why that fails; a reader that went away (`| head`) is no error of ours."""
     try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "it is closed")
         print(text)
         sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        if sys.stdout is not None:  # else Python tries again as it ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return True
+        print(
+            f"tensegrity-mj: the answer cannot be printed on stdout ({error.strerror}); the work is done, and the "
+            "files that were named are written: send stdout to a place that takes it",
+            file=sys.stderr,
+        )
+        return False
+    return True
 
 
 def _executed(options: argparse.Namespace) -> Outcome:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import stat
 import tempfile
+import time
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -13,6 +15,9 @@ from typing import Any
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.errors import FormatError, OptionError
+
+NEW = ".new-"  # what the names of temporary files begin with
+LEFT = 60.0  # [s]: one that is older has the lock of the process that writes it, if that lives
 
 
 def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
@@ -125,7 +130,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Whatever happens, an exception, an interrupt or SIGTERM, the destination holds either the old file or the whole new
     one, and the temporary file is gone.
-    A link stays a link: the file that it names is replaced.
+    A link stays a link: the file that it names is replaced. Temporary files of processes that were killed are removed.
 
     Raises:
         FormatError: if the file cannot be written, in the block or after it.
@@ -147,15 +152,16 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 
 def _replaced(destination: Path) -> Iterator[Path]:
-    temporary = None
+    temporary, handle = None, None
     try:
         target = destination.resolve()
         mode = _mode(destination)
         if mode is not None and not stat.S_ISREG(mode):
             raise FormatError(f"{destination}: cannot be written (it is no regular file); choose another name")
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".new-", suffix=f".part{destination.suffix}")
+        _remove_left(target.parent)
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=NEW, suffix=f".part{destination.suffix}")
         temporary = Path(name)
-        os.close(handle)
+        fcntl.flock(handle, fcntl.LOCK_EX)  # until the process ends, however it does
         yield temporary
         mask = os.umask(0)  # mkstemp makes it private; give it the rights of any new file
         os.umask(mask)
@@ -170,6 +176,23 @@ def _replaced(destination: Path) -> Iterator[Path]:
                 "folder"
             ) from error
         raise
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def is_left(path: Path) -> bool:
+    """Whether it has the name of a file that was being written, perhaps when its process was killed."""
+    return path.name.startswith(NEW) and ".part" in path.name
+
+
+def _remove_left(folder: Path) -> None:
+    """Remove the temporary files of killed processes: nobody holds their locks, and they are no longer new."""
+    for path in filter(is_left, folder.glob(f"{NEW}*")):
+        with contextlib.suppress(OSError), open(path, "rb") as file:
+            if time.time() - path.stat().st_mtime > LEFT:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
 
 
 def _mode(path: Path) -> int | None:

@@ -90,18 +90,27 @@ def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
     if refused := refusal(engine, scene):
         limit, found, setting = refused
         title = engine.descriptor.title
-        able = " or ".join(ENGINES[name].title for name in engines_for(scene))
+        able = " or ".join(_title(name) for name in engines_for(scene) or engines_for(scene, extra=True))
         others = "" if setting else f"use {able}, or " if able else "no engine simulates it: "
         who = f"{title} with {setting}" if setting else title
         raise limit.error(f"{who}: {place}{found}: {limit.reason}; {others}{limit.remedy}")
 
 
-def engines_for(scene: Scene) -> list[str]:
-    """The names of the engines of the package that simulate a scene, with some of their options at least."""
+def _title(name: str) -> str:
+    row = ENGINES[name]
+    return f"{row.title} (of the extra '{row.extra}')" if row.extra else row.title
+
+
+def engines_for(scene: Scene, extra: bool = False) -> list[str]:
+    """The names of the engines that simulate a scene, with some of their options at least.
+
+    Those that come with the package, or those of its extras.
+    """
     return [
         name
         for name, row in ENGINES.items()
-        if not row.extra and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
+        if bool(row.extra) is extra
+        and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
     ]
 
 

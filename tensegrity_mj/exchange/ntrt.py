@@ -104,7 +104,10 @@ class Composer:
 
     def build(self, path: Path, name: str, above: tuple[Path, ...] = ()) -> Part:
         """The structure of a file, its substructures first: where both have a builder for a tag, this file's holds."""
-        key = path.resolve()
+        try:
+            key = path.resolve()
+        except (OSError, RuntimeError) as error:  # which a link to itself raises below Python 3.13
+            raise FormatError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
         self.parts += 1
         if key in above:
             raise FormatError(f"{path}: is a substructure of itself; NTRT's structures are trees")

@@ -47,7 +47,7 @@ class RopeStart(enum.Enum):
 class Given(NamedTuple):
     """What a structure was made of: its ropes are strings among the others, and their points are not there.
 
-    Nodes of ropes are there where they stand elsewhere than on the straight line between the rope's ends.
+    Nodes of a rope are there where one of them stands elsewhere than on the straight line between the rope's ends.
     """
 
     nodes: dict[str, Vector]
@@ -151,6 +151,7 @@ def expanded(structure: Structure) -> dict[str, Any]:
         )
     ropes: dict[str, Rope] = {}
     for string in heavy:
+        _check_points(string, given.nodes)
         check_ends(f"string '{string.name}'", string.nodes, nodes)
         rope = ropes[string.name] = Rope.of(string, nodes, plane)
         for name, place in zip(rope.nodes, rope.straight or (), strict=True):
@@ -162,6 +163,20 @@ def expanded(structure: Structure) -> dict[str, Any]:
         "point_masses": (*given.point_masses, *(point for rope in ropes.values() for point in rope.points)),
         "ropes": tuple(ropes.values()),
     }
+
+
+def _check_points(string: String, nodes: Mapping[str, Vector]) -> None:
+    """Raise StructureError where some of the nodes of a rope's points are given, and not all."""
+    count = string.segments or DEFAULT_SEGMENTS
+    names = [f"{string.name}.{i + 1}" for i in range(count)]
+    missing = [name for name in names if name not in nodes]
+    if 0 < len(missing) < count:
+        found = next(name for name in names if name in nodes)
+        raise StructureError(
+            f"node '{found}' has the name of a point of the string with mass '{string.name}', whose point "
+            f"'{missing[0]}' is not given: give all of '{names[0]}' to '{names[-1]}', where they start, or none, and "
+            "rename the node"
+        )
 
 
 def as_given(structure: Structure) -> Given:
@@ -184,9 +199,10 @@ def as_given(structure: Structure) -> Given:
         # Another rope in its place, of as many segments, starts where this one does.
         again = whole or next((one for one in structure.strings if one.name == rope.string.name), rope.string)
         stays = again.mass is not None and again.segments == rope.string.segments and again.nodes == rope.string.nodes
-        for name, place in zip(rope.nodes, rope.straight or itertools.repeat(None), strict=False):
+        is_straight = rope.straight is not None and [nodes.get(name) for name in rope.nodes] == list(rope.straight)
+        for name in rope.nodes:
             points.pop(name, None)
-            if nodes.get(name) == place or not stays:
+            if is_straight or not stays:
                 nodes.pop(name, None)
         if whole is not None:
             wholes |= {**dict.fromkeys(names), names[0]: whole}

@@ -183,7 +183,8 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
         if same != string.name:
             raise StructureError(
                 f"string '{string.name}' joins {_nodes_of(string)} as string '{same}' does: "
-                "remove one of them, or give one string their summed stiffness"
+                "remove one of them; one string has the tension of both where it has their summed stiffness and "
+                "damping, if they are linear and their rest lengths are equal, or a curve that is their sum"
             )
         rods = [along.get(frozenset(pair)) for pair in itertools.pairwise(string.nodes)]
         if all(rods):
@@ -197,6 +198,12 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
 
 def check_prestress(string: String, length: float, rest: float) -> None:
     """Raise StructureError unless how a string is taut at a length [m] leaves it a rest length [m] above zero."""
+    wanted = string.tension if string.force_density is None else string.force_density * length
+    if string.curve and wanted is not None and string.curve[-1][1] < wanted and _is_level(string):
+        raise StructureError(
+            f"string '{string.name}': its curve is level at {string.curve[-1][1]:g} N, and its prestress would be "
+            f"{wanted:g} N: no stretch has that; give it at most {string.curve[-1][1]:g} N, or a curve that rises"
+        )
     if not string.is_linear and not string.is_constant and not rest > 0:
         raise StructureError(
             f"string '{string.name}': its curve leaves it a rest length of {rest:.3g} m at its prestress; it must "
@@ -210,6 +217,11 @@ def check_prestress(string: String, length: float, rest: float) -> None:
                 f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "
                 "rest length above zero: use a stiffer string, or less prestress"
             )
+
+
+def _is_level(string: String) -> bool:
+    """Whether a curve ends without a slope."""
+    return len(string.curve) > 1 and string.curve[-1][1] == string.curve[-2][1]
 
 
 class _Piece(NamedTuple):

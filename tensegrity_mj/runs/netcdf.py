@@ -9,6 +9,7 @@ three times as long to write them.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import FormatError, TensegrityError
 
+SEAL = b"\ntensegrity-mj sha256 "  # and 64 digits: behind the content of HDF5, which reads nothing there
 # Dimensions, values (names, where it is a tuple) and attributes.
 Variables = Mapping[str, tuple[tuple[str, ...], Array | tuple[str, ...], Mapping[str, str]]]
 
@@ -38,12 +40,34 @@ def opened(path: str | os.PathLike[str], what: str, remedy: str = "") -> Iterato
             raise FormatError(f"{path}: that is a folder; name a .nc file in it")
         if not Path(path).is_file():
             raise FormatError(f"{path}: no such file")
+        _check_seal(Path(path))
         with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
             yield file
     except TensegrityError:
         raise
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path}: not a readable {what} ({error}){remedy}") from error
+
+
+def _check_seal(path: Path) -> None:
+    """Raise FormatError where the content of a file is not that of its checksum; others' files have none.
+
+    HDF5 may loop for ever in a damaged file, so that it must not see one. A program that changes a file in place drops
+    what follows the content of HDF5, and the checksum with it.
+    """
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END) - len(SEAL) - 64
+        file.seek(max(size, 0))
+        if size < 0 or file.read(len(SEAL)) != SEAL:
+            return
+        promised = file.read()
+        file.seek(0)
+        digest = hashlib.sha256()
+        while size:
+            size -= len(piece := file.read(min(size, 1 << 20)))
+            digest.update(piece)
+    if digest.hexdigest().encode() != promised:
+        raise FormatError(f"{path}: its content is not what its checksum says: it is damaged; save or copy it again")
 
 
 def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str | int]) -> None:
@@ -55,14 +79,16 @@ def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str 
             coordinates, and come first; a dimension of length zero is written as unlimited, as NetCDF has it.
         attributes: of the file.
 
+    HDF5 makes it in memory: of a disk that fills while it writes a file it ends the process.
+
     Raises:
-        OSError, RuntimeError, ValueError: where HDF5 cannot write.
+        OSError: where it cannot be written.
     """
     import h5py
 
     coordinates = [name for name, (dimensions, _, _) in variables.items() if dimensions == (name,)]
     numbers = {name: np.array(number, np.int32) for number, name in enumerate(coordinates)}
-    with h5py.File(path, "w", track_order=True) as file:
+    with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=True) as file:
         text = f"version=2,hdf5={h5py.version.hdf5_version},h5py={h5py.__version__}"
         file.attrs["_NCProperties"] = np.bytes_(text)
         made = {}
@@ -84,6 +110,11 @@ def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str 
                 variable.attrs[key] = text
         for key, value in attributes.items():
             file.attrs[key] = value if isinstance(value, str) else np.array([value])
+        file.flush()
+        content = file.id.get_file_image()
+    with open(path, "wb") as out:
+        out.write(content)
+        out.write(SEAL + hashlib.sha256(content).hexdigest().encode())
 
 
 def _room(shape: tuple[int, ...]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import is_left, replacing
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.studies.plain import difference, digest, plain
@@ -112,18 +112,18 @@ def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Store]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / STUDY).exists():
-            foreign = sorted(entry.name for entry in folder.iterdir() if entry.name != LOCK and not _is_left(entry))
+            foreign = sorted(entry.name for entry in folder.iterdir() if entry.name != LOCK and not is_left(entry))
             if foreign:
                 raise OptionError(
                     f"{folder}: this folder is no study, and not empty (it holds {foreign[0]}); choose another"
                 )
-        lock = open(folder / LOCK, "a+b", buffering=0)  # noqa: SIM115
+        lock = open(folder / LOCK, "a+b", buffering=0, opener=_opened_here)  # noqa: SIM115
     except OSError as error:
         raise OptionError(f"{folder}: no study can be kept there ({error.strerror}); choose another folder") from error
     with lock:
         _hold(lock, folder)
         for left in [*folder.iterdir(), *(folder / FILES).glob("*")]:
-            if _is_left(left):
+            if is_left(left):
                 left.unlink()
         _compare(folder, study)
         # Unbuffered: closing after a failed write would try again, and hide the error that says what to do.
@@ -142,6 +142,11 @@ def write(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     _sync_folder(path.parent)
+
+
+def _opened_here(path: str, flags: int) -> int:
+    """Open a file of the folder's own: a link would have another file written."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def _hold(lock: FileIO, folder: Path) -> None:
@@ -187,11 +192,6 @@ def _recovered(file: FileIO) -> dict[str, dict[str, Any]]:
         os.fsync(file.fileno())
     records = [record_of(line) for line in content[:whole].splitlines()]
     return dict(record for record in records if record is not None)
-
-
-def _is_left(path: Path) -> bool:
-    """Whether it is a file that was being written when its process was killed."""
-    return path.name.startswith(".new-") and ".part" in path.name
 
 
 def _sync_folder(folder: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tensegrity_mj.basics import interrupts
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import replacing, write_text
 
 WRITE = """
 import sys, time
@@ -85,3 +87,51 @@ def test_other_threads_write_without_handlers(tmp_path: Path) -> None:
     assert seen == [signal.SIG_DFL]
     assert (tmp_path / "a.txt").read_text() == "whole"
     assert not issubclass(interrupts.Terminated, Exception)
+
+
+def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITE, str(tmp_path / "run.nc"), str(tmp_path / "other.nc")],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        left = sorted(tmp_path.glob(".new-*.part.nc"))
+        assert len(left) == 2
+        for path in left:
+            os.utime(path, (0, 0))  # as if it were long ago
+        write_text(tmp_path / "a.txt", "while it lives")
+        assert sorted(tmp_path.glob(".new-*")) == left
+        process.kill()
+    assert sorted(tmp_path.glob(".new-*")) == left
+    write_text(tmp_path / "b.txt", "when it is dead")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.txt", "b.txt"]
+
+
+LIMITED = """
+import resource, sys
+import tensegrity_mj as tmj
+from tensegrity_mj.runs.netcdf import opened
+
+run = tmj.simulate("pinned_rod", controller=None, engine="dae", integrator="rk4", timestep=0.01, duration=1.0)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), -1))
+try:
+    run.save(sys.argv[2])
+except tmj.TensegrityError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.csv", "run.mat"])
+@pytest.mark.parametrize("room", [0, 5_000])
+def test_a_disk_that_fills_while_a_run_is_written_is_one_message(tmp_path: Path, name: str, room: int) -> None:
+    (tmp_path / name).write_text("the old")
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(room), str(tmp_path / name)], capture_output=True, text=True
+    )
+    assert done.returncode == 0  # HDF5 ends the process later where a file was open in it
+    assert done.stderr == ""
+    assert re.fullmatch(r".*/run\.\w+: cannot be written \(File too large\); make room .*\n", done.stdout)
+    assert (tmp_path / name).read_text() == "the old"
+    assert len(list(tmp_path.iterdir())) == 1

@@ -301,6 +301,17 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 
 @pytest.mark.usefixtures("no_simulation")
+@pytest.mark.parametrize("where", [">/dev/full", ">&-"])
+@pytest.mark.parametrize("words", ["scenes --json", "scenes prism", "--version"])
+def test_an_answer_that_cannot_be_printed_is_one_message(where: str, words: str) -> None:
+    command = f"{shlex.quote(sys.executable)} -m tensegrity_mj {words}"
+    done = subprocess.run(["sh", "-c", f"{command} {where}"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert re.fullmatch(
+        r"tensegrity-mj: the answer cannot be printed on stdout \(.*\); the work is done.*\n", done.stderr
+    )
+
+
 def test_outputs_are_checked_before_the_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "folder.nc").mkdir()
     (tmp_path / "file").write_text("")

@@ -127,6 +127,18 @@ def test_a_damaged_entry_is_compiled_again(folder: Path) -> None:
     assert answers(folder) == (20.75, 20.0, 1, 1)
 
 
+@pytest.mark.parametrize("part", range(1, 8))
+def test_an_entry_with_wrong_bytes_is_compiled_again(folder: Path, part: int) -> None:
+    """Whichever eighth of it a bad disk has overwritten: machine code with wrong bytes would end the process."""
+    answers(folder)
+    for path in (folder / "__pycache__").glob("*.nbc"):
+        content = bytearray(path.read_bytes())
+        begin, end = part * len(content) // 8, (part + 1) * len(content) // 8
+        content[begin:end] = bytes(one ^ 0x55 for one in content[begin:end])
+        path.write_bytes(content)
+    assert answers(folder) == (20.75, 20.0, 0, 0)
+
+
 def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(folder: Path) -> None:
     # A file where the folder should be: nobody can make one, whatever his rights are.
     (folder / "__pycache__").write_text("")

@@ -194,6 +194,12 @@ def test_what_is_wrong_is_named_in_one_line(text: str, tmp_path: Path) -> None:
     assert "\n" not in message
 
 
+def test_a_substructure_that_is_a_link_to_itself_is_named(tmp_path: Path) -> None:
+    (tmp_path / "loop.yaml").symlink_to("loop.yaml")
+    with pytest.raises(tmj.TensegrityError, match=r"loop\.yaml: (no such file|cannot be read)"):
+        import_scene(written(tmp_path, "substructures: {s: {path: loop.yaml}}"))
+
+
 def test_sizes_are_limited_before_they_are_made(tmp_path: Path) -> None:
     with pytest.raises(tmj.TensegrityError, match=r"more than 0\.3 MB"):
         import_scene(written(tmp_path, "#" * 300_001))

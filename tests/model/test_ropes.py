@@ -157,6 +157,22 @@ def test_a_start_that_leaves_points_out_has_them_between_the_ends(tmp_path) -> N
         tmj.load_scene(tmp_path / "scene.toml")
 
 
+def test_points_are_given_all_or_none() -> None:
+    structure = rope(3, tension=50.0).structure
+    given = structure.given
+    for names in (["s1.1"], ["s1.3"], ["s1.1", "s1.2"]):
+        nodes = {**given.nodes, **dict.fromkeys(names, (1.0, 0.0, 0.5))}
+        with pytest.raises(
+            StructureError, match=rf"node '{names[0]}' has the name of a point of the string with mass 's1'"
+        ):
+            replace(structure, nodes=nodes, strings=given.strings, point_masses=given.point_masses, ropes=())
+    # One point that stands elsewhere brings the others along into a file.
+    nodes = {**structure.nodes, "s1.2": (1.0, 0.0, 0.5)}
+    moved = replace(structure, nodes=nodes)
+    assert set(moved.given.nodes) == set(structure.nodes)
+    assert moved.nodes == nodes
+
+
 def test_structures_that_are_made_of_others_have_their_ropes() -> None:
     structure = rope(3, tension=50.0).structure
     given = string_of(rope(3, tension=50.0))
@@ -164,11 +180,13 @@ def test_structures_that_are_made_of_others_have_their_ropes() -> None:
         replace(structure, name="other"),
         structure.moved([0.1, 0.2, 0.3], [1.0, 2.0, 3.0]),
         structure.mirrored([1.0, 2.0, 0.0]),
-        structure.with_strings(rest_length=structure.rest_lengths),
     ):
         assert other.given.strings == (given,)
         assert list(other.given.nodes) == ["a", "b"]
         assert len(other.strings) == 4
+    by_length = structure.with_strings(rest_length=structure.rest_lengths).given.strings
+    assert by_length == (replace(given, tension=None, rest_length=by_length[0].rest_length),)
+    assert by_length[0].rest_length == pytest.approx(2.0 - 50.0 / 1e4, rel=4 * np.finfo(float).eps)
     both = structure.merged(
         structure.mirrored([0.0, 1.0, 0.0]).moved(translation=[2.0, 0.0, 0.0]), {"a": "b"}, "other_"
     )

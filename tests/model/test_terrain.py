@@ -88,6 +88,20 @@ def test_a_rod_between_whose_nodes_is_a_ridge_is_refused() -> None:
     tmj.Scene(structure, contact=Contact(floor=-0.15, terrain=ridge))
 
 
+@pytest.mark.parametrize("reach", [10.0, 1e5, 1e12])
+def test_a_rod_far_longer_than_the_ground_is_checked_where_the_ground_is(reach: float) -> None:
+    ridge = Heights(heights=np.where(np.abs(np.arange(-20, 21)) == 0, 0.2, 0.0) * np.ones((41, 1)), spacing=0.1)
+    rod = tmj.Rod("rod", ("a", "b"), 0.7, 1e-3)
+    for y, inside in ((0.0, True), (3.0, False)):  # across it, and past its edge at y = 2 m
+        nodes = {"a": (-reach, y, 0.1), "b": (2 * reach, y, 0.1)}
+        structure = tmj.Structure("rod", nodes=nodes, rods=(rod,), strings=())
+        if inside:
+            with pytest.raises(SceneError, match=r"rod 'rod' is 0\.\d* m inside the floor between its nodes"):
+                tmj.Scene(structure, contact=Contact(floor=0.0, terrain=ridge))
+        else:
+            tmj.Scene(structure, contact=Contact(floor=0.0, terrain=ridge))
+
+
 @pytest.mark.parametrize(
     "terrain",
     [

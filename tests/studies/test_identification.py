@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,20 @@ def test_what_an_oscillator_does_not_see_is_all_three_together() -> None:
     found = fit(replace(case, unknowns=unknowns), FitOptions())
     assert not found["before"]["unseen"]
     assert column(found, "deviation")[2] == pytest.approx(0.05, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_fit_that_ends_with_every_parameter_at_a_bound_says_so(count: int) -> None:
+    full = oscillator(TIMES)
+    whole = partial(np.append, values=TRUTH[count:])
+    model = Formula(lambda p: full.predict(whole(p)), lambda p: full.jacobian(whole(p))[:, :count])
+    case = problem(model, "k c m"[: 2 * count - 1], [45.0, 1.0][:count], TIMES, full.predict(TRUTH), 1e-3)
+    bounds = {"low": np.array([40.0, 0.95])[:count], "high": np.array([46.0, 1.2])[:count]}  # TRUTH is outside
+    found = fit(replace(case, unknowns=replace(case.unknowns, **bounds)), FitOptions())
+    assert [row["note"] for row in found["parameters"]] == ["at its bound"] * count
+    assert np.isnan(column(found, "deviation")).all()
+    assert found["correlated"] == []
+    assert found["after"]["eigenvalues"] == []
 
 
 def coverage(found: list[dict[str, Any]], truth: Array) -> tuple[int, tuple[float, float]]:

@@ -612,3 +612,13 @@ def test_a_full_disk_is_reported_with_the_file_and_nothing_finished_is_lost(tmp_
     study = run_many(study_tasks.noted, points, tmp_path / "study", workers=HERE)
     assert study.computed == 60 - whole
     assert study.failed == []
+
+
+def test_a_link_in_place_of_the_lock_is_refused_and_its_target_stays(tmp_path: Path) -> None:
+    (tmp_path / "letter.txt").write_text("dear reader")
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / ".lock").symlink_to(tmp_path / "letter.txt")
+    with pytest.raises(OptionError, match="no study can be kept there"):
+        run_many(study_tasks.noted, POINTS, folder, workers=HERE)
+    assert (tmp_path / "letter.txt").read_text() == "dear reader"

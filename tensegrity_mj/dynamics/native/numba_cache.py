@@ -11,7 +11,7 @@ from typing import Any
 from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
-from tensegrity_mj.dynamics.native.digests import used_by
+from tensegrity_mj.dynamics.native.digests import hashed, used_by
 from tensegrity_mj.dynamics.native.kept import base_name, entry_name, folders, warn_once, write_first
 
 
@@ -40,14 +40,17 @@ class Files:
         for folder in self.where if name else ():
             # There is none, or whatever a damaged one makes of it: it is compiled and written again.
             with contextlib.suppress(Exception):
-                return pickle.loads((folder / str(name)).read_bytes())
+                mark, _, content = (folder / str(name)).read_bytes().partition(b"\n")
+                if mark == hashed(content).encode():  # machine code with a wrong byte would end the process
+                    return pickle.loads(content)
         return None
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
         """Save, and remove what it replaces."""
         name = self._name(key)
         if name is not None:
-            write_first(self.where, name, dumps(data))
+            content = dumps(data)
+            write_first(self.where, name, hashed(content).encode() + b"\n" + content)
 
     def flush(self) -> None:
         """Remove every entry."""

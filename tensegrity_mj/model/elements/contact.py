@@ -115,6 +115,7 @@ class Contact:
         return normal / float(np.linalg.norm(normal))
 
 
+MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
 PIECE = 1_000_000  # pairs of boxes that are looked at together
 
 
@@ -223,10 +224,13 @@ def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tupl
             found.append((f"{owner[name][0]} is {-gap:.3g} m inside the floor", -float(gap), owner[name][1]))
     if contact.terrain is not None:
         for rod, (start, end) in zip(structure.rods, nodes[structure.rod_nodes], strict=True):
-            # A ridge may be between the nodes: balls along it, no further apart than matters.
+            # A ridge may be between the nodes: balls above the grid, no further apart than matters.
+            start, end = contact.terrain.stretch_above(start, end, rod.radius)
             count = 2 + int(np.linalg.norm(end - start) / max(rod.radius, 0.1 * contact.terrain.spacing))
-            balls = np.linspace(start, end, count)
-            gap = float(_clearance(contact, balls, np.full(count, rod.radius)).min())
+            gap = min(
+                float(_clearance(contact, start + part[:, None] * (end - start), np.full(len(part), rod.radius)).min())
+                for part in np.array_split(np.linspace(0.0, 1.0, count), 1 + count // MOST_BALLS)
+            )
             if gap < 0 and not any(repr(rod.name) in text for text, _, _ in found):
                 found.append(
                     (f"rod '{rod.name}' is {-gap:.3g} m inside the floor between its nodes", -gap, rod.mass / 4)

@@ -71,6 +71,24 @@ class Terrain:
         high = (1 - s) * z[i, j + 1] + s * z[i + 1, j + 1]
         return np.where(inside_x & inside_y, (1 - t) * low + t * high, self.lowest)
 
+    def stretch_above(self, start: Array, end: Array, radius: float) -> tuple[Array, Array]:
+        """The ends (3,) of the part of a segment that is above the grid, or within a radius of it [m].
+
+        Of a segment that passes the grid it is one point.
+        """
+        low, high = 0.0, 1.0
+        for axis, marks in enumerate(self.points[:2]):
+            edges = np.array([marks[0] - radius, marks[-1] + radius]) - start[axis]
+            along = end[axis] - start[axis]
+            if along == 0:
+                high = high if edges[0] <= 0 <= edges[1] else low
+                continue
+            with np.errstate(over="ignore"):
+                first, last = np.sort(edges / along)
+            low, high = max(low, float(first)), min(high, float(last))
+        low = min(low, 1.0)
+        return start + low * (end - start), start + max(low, high) * (end - start)
+
     def clearance(self, centres: Array, radius: Array) -> Array:
         """How far (P,) [m] balls can sink before they touch; negative: how far they must rise.
 

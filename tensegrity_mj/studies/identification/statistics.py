@@ -46,8 +46,10 @@ class Information(NamedTuple):
 
     def told(self, names: list[str]) -> dict[str, Any]:
         """All of it as plain values."""
-        low, high = self.eigenvalues[0], self.eigenvalues[-1]
-        condition = float(high / low) if low > 0 else float("inf")
+        condition = float("nan")  # of no parameters
+        if len(self.eigenvalues):
+            low, high = self.eigenvalues[0], self.eigenvalues[-1]
+            condition = float(high / low) if low > 0 else float("inf")
         return {"eigenvalues": self.eigenvalues.tolist(), "condition": condition, "unseen": self.words(names)}
 
 
