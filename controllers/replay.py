@@ -48,7 +48,8 @@ def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type
 def cubics(times: Array, coefficients: Array, command: Command) -> NativeLaw:
     """The compiled law of `Cubics` of these."""
     packed = _pack_record(times=times, coefficients=coefficients)
-    return NativeLaw(_replay.address, packed.address, (packed,), command=command, stateless=True)
+    kinks = tuple(times.tolist())
+    return NativeLaw(_replay.address, packed.address, (packed,), command=command, kinks=kinks, stateless=True)
 
 
 class Cubics:

@@ -51,6 +51,13 @@ class Request:
         breaks = [one for one in self.scene.breaks if begin < one.time < begin + self.duration]
         return found | {f"break of string '{one.string}'": one.time for one in breaks}
 
+    @property
+    def kinks(self) -> list[float]:
+        """[s] where forces have kinks in any state: times of data that supports follow, or a law at every stage."""
+        times = {time for motion in self.scene.motions for time in motion.times}
+        times.update(() if self.sampled else self.law.kinks)
+        return sorted(time for time in times if 0 < time < self.duration)
+
 
 def request_for(
     scene: Scene,

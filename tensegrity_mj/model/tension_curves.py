@@ -91,14 +91,14 @@ class TensionCurves:
         """With those of other strings (M,) at zero: they are broken."""
         return replace(self, tensions=self.tensions * kept[:, None], slopes=self.slopes * kept[:, None])
 
-    def _pieces(self, stretch: Array) -> IntArray:
+    def pieces(self, stretch: Array) -> IntArray:
         """Which piece holds each stretch (..., M); below zero the first."""
         return np.asarray(np.maximum(np.sum(stretch[..., None] > self.starts, axis=-1) - 1, 0))
 
     def _beyond(self, stretch: ArrayLike) -> tuple[tuple[IntArray, IntArray], Array]:
         """Strings and pieces of stretches (..., M), and how far these are into the pieces [m]."""
         s = np.maximum(0.0, np.asarray(stretch, float))
-        at = (np.arange(len(self.starts)), self._pieces(s))
+        at = (np.arange(len(self.starts)), self.pieces(s))
         return at, np.asarray(s - self.starts[at])
 
     def tension(self, stretch: ArrayLike, permanent: ArrayLike = 0.0) -> Array:

@@ -126,11 +126,20 @@ def highest_order(run: Trajectory, order: int) -> int:
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether a string that pulls at some recorded time does not at another, or was slack between two.
+    """Whether a string that pulls at some recorded time does not at another, was slack between two, or passed a corner.
 
     By tensions: where a damper would push, a string has none although its u > 0.
     """
-    return bool(_at_times(run.tensions != 0).any()) or _slack_between(run)
+    return bool(_at_times(run.tensions != 0).any()) or _passes_corners(run) or _slack_between(run)
+
+
+def _passes_corners(run: Trajectory) -> bool:
+    """Whether a string was on two pieces of its tension curve, or yielded."""
+    structure = run.scene.structure
+    if structure.curves.linear:
+        return False
+    pieces = structure.curves.pieces(structure.string_lengths(run.nodes) - run.rest_lengths)
+    return bool(np.any((pieces != pieces[:1]) | (structure.curves.yields & (pieces > 0))))
 
 
 def _slack_between(run: Trajectory) -> bool:

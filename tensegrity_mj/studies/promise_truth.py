@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
-from tensegrity_mj.engines.accuracy.search import can_locate
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.settings import Integrator
@@ -97,10 +96,9 @@ def _refined(
 ) -> Trajectory | None:
     """RK4 with ever finer steps, until it is as near as wanted [m] to another run; the nearest, or None."""
     steps = Steps.of(replace(request, output_interval=spacing), FINE / max(_fastest(request), 1e-300))
-    located = can_locate(request.scene.structure)
     k, best, least = 1, None, math.inf
     while 4 * steps.count * k <= MOST_EVALUATIONS:
-        engine = kind(method=Method.RK4, timestep=steps.unit / k, locate_slack=located)
+        engine = kind(method=Method.RK4, timestep=steps.unit / k, locate_slack=True)
         with contextlib.suppress(TensegrityError):
             run = _simulate(experiment, engine, spacing)
             if (away := node_difference(run, other)) < least:

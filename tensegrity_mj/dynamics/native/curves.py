@@ -13,6 +13,7 @@ from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing
 
 START, TENSION, SLOPE, ENERGY = range(4)  # of a piece
+HALVINGS = 40  # for the root of a cubic
 
 
 @borrowing
@@ -158,3 +159,27 @@ def turn_of_cubic(s0: float, s1: float, d0: float, d1: float) -> float:
     root = np.sqrt(max(b * b - 4.0 * a * d0, 0.0))
     q = -0.5 * (b + root if b > 0.0 else b - root)
     return d0 / q if q != 0.0 and 0.0 < d0 / q < 1.0 else q / a
+
+
+@borrowing
+def cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
+    """Where a cubic between two ends changes its sign."""
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        x = 0.5 * (low + high)
+        if (cubic(x, s0, s1, d0, d1) > 0.0) == (s1 > 0.0):
+            high = x
+        else:
+            low = x
+    return 0.5 * (low + high)
+
+
+@borrowing
+def dip(s0: float, s1: float, d0: float, d1: float) -> float:
+    """Where a cubic turns back that has changed its sign between two ends where it has the same; 1 for nowhere."""
+    found = 1.0
+    if d0 * d1 < 0.0 and (s0 > 0.0) == (s1 > 0.0) and (s0 > 0.0) != (d0 > 0.0):
+        x = turn_of_cubic(s0, s1, d0, d1)
+        if 0.0 < x < 1.0 and (cubic(x, s0, s1, d0, d1) > 0.0) != (s0 > 0.0):
+            found = x
+    return found

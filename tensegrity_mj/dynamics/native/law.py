@@ -74,6 +74,7 @@ class NativeLaw:
         discontinuous: why it cannot run continuously, or "".
         period: [s] that a sampled recording must be played with, or None.
         until: [s] at which a recording ends, or None.
+        kinks: [s] of a table, where what it commands is not smooth.
         gravity: [m/s²] that it accounts for, or None if it has no such notion.
         known: what acts on nodes besides, that it accounts for: loads, resistance, water, elements.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
@@ -94,6 +95,7 @@ class NativeLaw:
     reason: list[str] | None = None
     period: float | None = None
     until: float | None = None
+    kinks: tuple[float, ...] = ()
     gravity: tuple[float, ...] | None = None
     known: tuple[Any, ...] = ()
     decay_rate: float | None = None

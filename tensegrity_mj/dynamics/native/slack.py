@@ -1,18 +1,20 @@
-"""When strings begin and cease to pull within a step: what every engine that splits its steps there has in common.
-
-So it is where the tension of a string passes a corner of its curve, at a level of its stretch that takes the place of
-zero, and where one that yields turns back: there its rate is the margin, and the level ∞.
+"""When forces of strings have kinks or jumps within a step: what every engine that splits its steps has in common.
 
 A string pulls where its margin min(k s, k s + c ds/dt) > 0, with its stretch s = L - L0: it must be taut, and a damper
-must not outweigh it. What is known of the strings at a time is `look`ed up after the engine has set lengths, rates and
-rest lengths, in an array (3, M) of margins [N], stretches [m] and their rates [m/s]. Slack strings stay so while the
-instant of a change is searched, so that no stage of a trial sees the force that is yet to come. A law at every stage
-must be evaluated once more for it in each trial. Strings that it lets go have a margin of 0, which says nothing of when
-it will have them pull again: there, the time is halved.
+must not outweigh it. Where its tension passes a corner, a level of its stretch takes the place of zero, and where one
+that yields turns back its rate is the margin, and the level ∞. Where some strings have curves each has two rows, one
+for its pull and one for its level, so that the first of all instants is found.
+
+What is known of the strings at a time is `look`ed up after the engine has set lengths, rates and rest lengths, in an
+array (3, W) of margins [N], stretches [m] and their rates [m/s]. While an instant is searched, slack strings stay slack
+and those whose damper may push taut, so that no stage of a trial sees the force that is yet to come; where it jumps, in
+whole steps, too: a stage may lie beyond a jump that the end does not show. A law at every stage must be evaluated once
+more for it in each trial. Strings that it lets go have a margin of 0, which says nothing of when it will have them pull
+again: there, the time is halved.
 
 A step, or what is left of one, goes with a `Search`
 
-    look_at_start(table, search)
+    look_at_start(table, search, last)
     ... take the step; set lengths, rates and rest lengths at its end ...
     part = look_at_end(table, search, h)    # 0: nothing to search for
     begin_search(table, search, part)
@@ -29,23 +31,30 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.curves import corner_between, cubic, curved_pull, turn_of_cubic
+from tensegrity_mj.dynamics.native.curves import (
+    corner_between,
+    cubic,
+    cubic_root,
+    curved_pull,
+    dip,
+    turn_of_cubic,
+)
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
-from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
+from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.strings import KEPT_SLACK, KEPT_TAUT, over_rest, rest_moves
 from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.model.strings import EDGE
 
-MOST_SPLITS = 4  # of a step; one with more changes is too coarse for any order
+MOST_SPLITS = 12  # of a step; one with more changes is too coarse for any order
 MOST_TRIALS = 40  # for one instant
 SECANTS = 8  # after so many of them, every other trial halves where the instant may lie
 # To what part ε of the step an instant is located: past a kink, a step errs by a part of h² ε, past a jump, of h ε.
-# Where a kink lies off the chord between the ends of the step by a part δ of it, δ falls as h does, and the step
-# errs by a part of h² δ² all the same: ε is some of δ². A law costs more, and nothing is known of its slopes.
+# Where a kink lies off the chord between the ends of the step by a part δ, δ falls as h does, and the step errs by a
+# part of h² δ² all the same: ε is some of δ². A law costs more, and nothing is known of its slopes.
 JUMP_WITHIN, LAW_WITHIN = 1e-8, 1e-3
 KINK_LEAST, KINK_MOST, KINK_PART = 1e-6, 1e-2, 0.3
-HALVINGS = 40  # for the root of a cubic
-WHOLE, KEPT_SLACK = 0, 2  # of BROKEN, beside 1: slack as long as an instant is searched
-MARGIN, STRETCH, SPEED = 0, 1, 2  # of each string: [N], [m], [m/s]
+WHOLE, (MARGIN, STRETCH, SPEED) = 0, range(3)  # of BROKEN; of each string: [N], [m], [m/s]
 
 # What a search keeps of the strings: at the start of the step; after a part in which none has changed and after one in
 # which some have; after the last trial, and after the one before. CHORDS is scratch.
@@ -61,29 +70,28 @@ Search, _pack_search = view_of(
     at_now="real",
     at_before="real",
     trials="state",  # so far
-    known="state",  # whether strings are known to have changed at `high` in a step in which none was kept slack
-    tried="state",  # whether they have in one where they were
+    known="state",  # whether strings are known to have changed at `high`
+    later="state",  # whether they are at the end of the step, where `high` is before
+    tried="state",  # whether a trial has found so
 )
 
 
-def search_of(count: int) -> Table:
-    """A `Search` for so many strings."""
-    numbers = dict.fromkeys(("low", "high", "at_now", "at_before", "trials", "known", "tried"), 0)
+def search_of(strings: int, curved: bool = False) -> Table:
+    """A `Search` for so many strings; `curved`: whether any has more than its stiffness."""
+    count = strings * (1 + curved)
+    numbers = dict.fromkeys(("low", "high", "at_now", "at_before", "trials", "known", "later", "tried"), 0)
     marks = np.zeros((2, count), np.bool_)
-    strings = np.zeros((CHORDS + 1, 3, count))
-    levels = np.zeros(count)
-    return _pack_search(strings=strings, pulled=marks[0], slack=marks[1], levels=levels, **numbers)
+    rows = np.zeros((CHORDS + 1, 3, count))
+    return _pack_search(strings=rows, pulled=marks[0], slack=marks[1], levels=np.zeros(count), **numbers)
 
 
 @borrowing
 def _look(plant: Any, levels: Any, out: Any) -> None:
-    """Margin, stretch over its level, and rate of each string now (3, M)."""
+    """Margin, stretch and rate of each string now, and of its level (3, W)."""
     stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
-    lengths, speeds, rest, curved = plant.lengths, plant.rates, plant.rest, plant.curved
-    for m in range(len(rest)):
-        stretch = lengths[m] - rest[m]
-        if curved:
-            stretch -= plant.permanent[m]
+    speeds, curved, moves, M = plant.rates, plant.curved, rest_moves(plant), plant.string_count
+    for m in range(M):
+        stretch = over_rest(plant, m, moves)
         margin = stiffness[m] * stretch
         if curved and stretch > 0.0:
             margin = curved_pull(plant, m, stretch + plant.permanent[m])
@@ -91,44 +99,53 @@ def _look(plant: Any, levels: Any, out: Any) -> None:
             margin = min(margin, margin + damping[m] * speeds[m])
         out[MARGIN, m] = -1.0 if broken[m] == 1 else margin
         out[STRETCH, m], out[SPEED, m] = stretch, speeds[m]
-        if curved and levels[m] != 0.0:
-            _over_level(levels[m], m, out)
+        if curved:
+            _over_level(levels, m, M + m, out)
 
 
 @borrowing
-def _over_level(level: float, m: int, out: Any) -> None:
-    """What `_look` says of a string whose stretch has a level."""
-    if level == np.inf:
-        out[MARGIN, m] = out[SPEED, m]
-    else:
-        out[STRETCH, m] -= level
-        out[MARGIN, m] = out[STRETCH, m]
+def _over_level(levels: Any, m: int, w: int, out: Any) -> None:
+    """Of a string's stretch and its level, in row w; a string without one is above it."""
+    stretch, speed = out[STRETCH, m], out[SPEED, m]
+    if levels[w] != 0.0 and levels[w] != np.inf:
+        stretch -= levels[w]
+    out[MARGIN, w] = 1.0 if levels[w] == 0.0 else speed if levels[w] == np.inf else stretch
+    out[STRETCH, w], out[SPEED, w] = stretch, speed
 
 
 @borrowing
-def _set_levels(plant: Any, search: Any) -> None:
-    """Levels of strings that pull at both ends of a step, or at its start, and come past a corner first, or turn."""
-    strings, levels, broken = search.strings, search.levels, plant.broken
-    start, end = strings[START], strings[ABOVE]
-    for m in range(len(levels)):
-        s0, s1, shift = start[STRETCH, m], end[STRETCH, m], plant.permanent[m]
-        if broken[m] != WHOLE or not search.pulled[m]:
+def _set_levels(plant: Any, search: Any, h: float) -> float:
+    """Levels of strings that pull at the start of a step and come past a corner, or turn.
+
+    Returns the part of the step after which one turns back that passed a corner for a moment; 1 for none.
+    """
+    strings, levels, M, first = search.strings, search.levels, plant.string_count, 1.0
+    start, end, moves = strings[START], strings[ABOVE], rest_moves(plant)
+    for m in range(M):
+        w, shift = M + m, plant.permanent[m]
+        s0, s1, d0, d1 = start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m]
+        if plant.broken[m] != WHOLE or not search.pulled[m]:
             continue
         corner = corner_between(plant, m, s0 + shift, s1 + shift)
+        if corner == 0.0 and d0 * d1 < 0.0 and not moves:
+            x = turn_of_cubic(s0, s1, d0, d1)
+            corner = corner_between(plant, m, s0 + shift, cubic(x, s0, s1, d0, d1) + shift)
+            if corner > 0.0:
+                first = min(first, x)
+            elif plant.yields[m] and d0 > 0.0 and s0 + shift >= plant.last_stretch[m, 2]:
+                levels[w] = np.inf
         if corner > 0.0:
-            levels[m] = corner - shift
-        elif plant.yields[m] and start[SPEED, m] > 0.0 > end[SPEED, m] and s0 + shift >= plant.last_stretch[m, 2]:
-            levels[m] = np.inf
-        else:
-            continue
-        _over_level(levels[m], m, start)
-        _over_level(levels[m], m, end)
-        search.pulled[m] = start[MARGIN, m] > 0.0
+            levels[w] = corner - shift
+        if levels[w] != 0.0:
+            _over_level(levels, m, w, start)
+            _over_level(levels, m, w, end)
+            search.pulled[w] = start[MARGIN, w] > 0.0
+    return float(first)
 
 
 @inlined
 def _follows_law(plant: Any) -> bool:
-    return plant.mode == CONTINUOUS and not plant.suspended
+    return rest_moves(plant) and not plant.holds_force_density
 
 
 @borrowing
@@ -138,15 +155,40 @@ def follows_law(table: int) -> bool:
 
 
 @borrowing
-def look_at_start(table: int, searched: int) -> None:
-    """Note which strings pull at the start of a step, and which are slack."""
-    search = Search(searched)
+def look_at_start(table: int, searched: int, last: bool) -> None:
+    """Note which strings pull at the start of a step, and which are slack.
+
+    Those whose force jumps where they change are kept, but for the `last` part of a step, which is not searched.
+    """
+    plant, search = PlantView(table), Search(searched)
     start, pulled, slack, levels = search.strings[START], search.pulled, search.slack, search.levels
-    for m in range(len(levels)):
-        levels[m] = 0.0
-    _look(PlantView(table), levels, start)
-    for m in range(len(pulled)):
-        pulled[m], slack[m] = start[MARGIN, m] > 0.0, start[STRETCH, m] <= 0.0
+    for w in range(len(levels)):
+        levels[w] = 0.0
+    _look(plant, levels, start)
+    for w in range(len(pulled)):
+        pulled[w], slack[w] = start[MARGIN, w] > 0.0, start[STRETCH, w] <= 0.0
+    if plant.damped and not last and not rest_moves(plant):
+        for m in range(plant.string_count):
+            if plant.damping[m] > 0.0 and not -EDGE * plant.lengths[m] <= start[STRETCH, m] <= 0.0:
+                _keep(plant, m, slack[m])
+
+
+@inlined
+def _keep(plant: Any, m: int, slack: bool) -> None:
+    """Keep a string slack, or one whose damper may push taut, until `_let_change`."""
+    if plant.broken[m] == WHOLE and slack:
+        plant.broken[m] = KEPT_SLACK
+    elif plant.broken[m] == WHOLE and plant.damping[m] > 0.0 and not plant.clipped[m]:
+        plant.broken[m] = KEPT_TAUT
+
+
+@borrowing
+def _let_change(plant: Any) -> None:
+    """Let strings that were kept slack or taut be what they are."""
+    broken = plant.broken
+    for m in range(len(broken)):
+        if broken[m] == KEPT_SLACK or broken[m] == KEPT_TAUT:
+            broken[m] = WHOLE
 
 
 @borrowing
@@ -168,43 +210,37 @@ def look_at_end(table: int, searched: int, h: float) -> float:
 
     A kink at the very start is none within the step: such a string counts as changed, in `pulled` and `slack`.
     """
-    plant, search = PlantView(table), Search(searched)
+    plant, search, first = PlantView(table), Search(searched), 1.0
+    _let_change(plant)
     _look(plant, search.levels, search.strings[ABOVE])
-    if plant.curved and not (_follows_law(plant) or plant.holds_force_density):
-        _set_levels(plant, search)
-    if _any_changes(search, ABOVE):
-        return 1.0 if _matters(plant, search, h) else 0.0
-    part = _turn(plant, search, h)
-    return 0.0 if part == 1.0 else part
-
-
-@borrowing
-def _cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
-    """Where a cubic between two ends, as in `curves`, changes its sign."""
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        x = 0.5 * (low + high)
-        if (cubic(x, s0, s1, d0, d1) > 0.0) == (s1 > 0.0):
-            high = x
-        else:
-            low = x
-    return 0.5 * (low + high)
+    by_law = _follows_law(plant)
+    if plant.curved and not plant.holds_force_density and (plant.returns_lengths or not by_law):
+        first = _set_levels(plant, search, h)
+    search.later = _any_changes(search, ABOVE) and _matters(plant, search, h)
+    if not rest_moves(plant):
+        first = min(first, _turn(plant, search, h))
+    return first if first < 1.0 or search.later else 0.0
 
 
 @borrowing
 def _turn(plant: Any, search: Any, h: float) -> float:
-    """The part of a step after which a string turns back that was taut, or slack, for a moment within; 1 for none."""
-    broken, start, end, first = plant.broken, search.strings[START], search.strings[ABOVE], 1.0
-    if _follows_law(plant) or plant.holds_force_density:
-        return first
+    """The part of a step after which a string turns back that pulled, or did not, for a moment within; 1 for none.
+
+    By the cubic of its stretch; of a taut string with a damper, by that of k s + c ds/dt, whose rate is k ds/dt + c s̈,
+    s̈ of the former.
+    """
+    broken, damping, start, end, first = plant.broken, plant.damping, search.strings[START], search.strings[ABOVE], 1.0
     for m in range(len(broken)):
         s0, s1, d0, d1 = start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m]
-        if broken[m] != WHOLE or d0 * d1 >= 0.0 or (s0 > 0.0) != (s1 > 0.0) or (s0 > 0.0) == (d0 > 0.0):
+        if broken[m] != WHOLE:
             continue
-        x = turn_of_cubic(s0, s1, d0, d1)
-        if 0.0 < x < first and (cubic(x, s0, s1, d0, d1) > 0.0) != (s0 > 0.0):
-            first = x
-    return first
+        first = min(first, dip(s0, s1, d0, d1))
+        if damping[m] > 0.0 and plant.clipped[m] and s0 > 0.0 and s1 > 0.0:
+            k, c, chord = plant.stiffness[m], damping[m] / h, 6.0 * (s1 - s0)
+            m0, m1 = start[MARGIN, m] + c * max(d0, 0.0), end[MARGIN, m] + c * max(d1, 0.0)
+            r0, r1 = k * d0 + c * (chord - 4.0 * d0 - 2.0 * d1), k * d1 + c * (2.0 * d0 + 4.0 * d1 - chord)
+            first = min(first, dip(m0, m1, r0, r1))
+    return float(first)
 
 
 @borrowing
@@ -218,8 +254,11 @@ def _matters(plant: Any, search: Any, h: float) -> bool:
         if not _by_stretch(plant, search, m):
             any_matters = True
             continue
-        at = _cubic_root(start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m])
-        if _jumps(plant, m, slack[m]) or KINK_LEAST < at < 1.0 - KINK_LEAST:
+        s0, d0 = start[STRETCH, m], start[SPEED, m]
+        at = cubic_root(s0, end[STRETCH, m], h * d0, h * end[SPEED, m])
+        if m < plant.string_count and slack[m] and d0 >= 0.0 and s0 >= -EDGE * plant.lengths[m]:
+            at = 0.0  # it begins to move from zero, where nothing jumps
+        if KINK_LEAST < at < 1.0 - KINK_LEAST or (at > 0.0 and _jumps(plant, m, slack[m])):
             any_matters = True
         elif at <= KINK_LEAST:
             pulled[m], slack[m] = not pulled[m], False
@@ -228,8 +267,8 @@ def _matters(plant: Any, search: Any, h: float) -> bool:
 
 @inlined
 def _jumps(plant: Any, m: int, slack: bool) -> bool:
-    """Whether the force of a string jumps where it changes: it has a damper, and comes taut."""
-    return slack and plant.damping[m] > 0.0
+    """Whether the force of a string jumps where it changes: it has a damper, and comes taut, or that may push."""
+    return m < plant.string_count and plant.damping[m] > 0.0 and (slack or not plant.clipped[m])
 
 
 @borrowing
@@ -245,11 +284,11 @@ def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
 @inlined
 def _by_stretch(plant: Any, search: Any, m: int) -> bool:
     """Whether a string changes where its stretch does, the rate of which is known."""
-    if _follows_law(plant) or plant.holds_force_density:
+    if rest_moves(plant):
         return False
-    if search.levels[m] != 0.0:
+    if m >= plant.string_count:
         return search.levels[m] < np.inf
-    return search.slack[m] or plant.damping[m] == 0.0
+    return search.slack[m] or plant.damping[m] == 0.0 or not plant.clipped[m]
 
 
 @borrowing
@@ -262,20 +301,20 @@ def _copy(strings: Any, source: int, target: int) -> None:
 
 @borrowing
 def begin_search(table: int, searched: int, part: float) -> None:
-    """Begin to search the first instant at which a string changes: slack strings stay slack, as if they were broken.
+    """Begin to search the first instant at which a string changes; until it ends, strings are kept as they are.
 
     `part`: 1 where some have changed at the end of the step; otherwise a part of it after which some may have.
     """
-    search, broken = Search(searched), PlantView(table).broken
+    search, plant = Search(searched), PlantView(table)
     strings, slack = search.strings, search.slack
     _copy(strings, START, BELOW)
     _copy(strings, START, BEFORE)
     _copy(strings, ABOVE, NOW)
-    for m in range(len(broken)):
+    for m in range(len(slack)):
         fall = strings[START, MARGIN, m] - strings[ABOVE, MARGIN, m]
         strings[CHORDS, 0, m] = strings[START, MARGIN, m] / fall if fall != 0.0 else 0.0
-        if slack[m] and broken[m] == WHOLE:
-            broken[m] = KEPT_SLACK
+    for m in range(plant.string_count):
+        _keep(plant, m, slack[m])
     search.low, search.high, search.at_before, search.at_now = 0.0, part, 0.0, 1.0
     search.trials, search.known, search.tried = 0, part == 1.0, 0
 
@@ -292,7 +331,7 @@ def next_part(table: int, searched: int, h: float) -> float:
     above, below, now, before = strings[ABOVE], strings[BELOW], strings[NOW], strings[BEFORE]
     low, high, at_now, at_before = search.low, search.high, search.at_now, search.at_before
     trial, part = search.trials, high
-    if trial > 0 or search.known:
+    if trial or search.known:
         first, within = high, KINK_MOST
         for m in range(len(pulled)):
             if pulled[m] == (above[MARGIN, m] > 0.0):
@@ -301,7 +340,7 @@ def next_part(table: int, searched: int, h: float) -> float:
             if _by_stretch(plant, search, m):
                 d = (high - low) * h
                 s0, s1, d0, d1 = below[STRETCH, m], above[STRETCH, m], below[SPEED, m], above[SPEED, m]
-                at = low + (high - low) * _cubic_root(s0, s1, d * d0, d * d1)
+                at = low + (high - low) * cubic_root(s0, s1, d * d0, d * d1)
             elif now[STRETCH, m] != 0.0 and before[STRETCH, m] != 0.0:
                 secant = at_now - now[MARGIN, m] * (at_now - at_before) / (now[MARGIN, m] - before[MARGIN, m])
                 at = secant if low < secant < high else at
@@ -315,9 +354,11 @@ def next_part(table: int, searched: int, h: float) -> float:
             part = min(first + 0.5 * within, 0.5 * (first + high))
         else:
             part = 0.5 * (low + high)
-    if trial == MOST_TRIALS:
-        search.tried = 0
-        return 0.0
+    if trial >= MOST_TRIALS:
+        search.tried = search.tried and at_now == high
+        if search.tried or trial > MOST_TRIALS:
+            return 0.0
+        part = high
     search.trials += 1
     _copy(strings, NOW, BEFORE)
     search.at_before = at_now
@@ -340,6 +381,9 @@ def look_at_trial(table: int, searched: int, part: float, answer: int) -> bool:
     if _any_changes(search, NOW):
         search.tried, search.high = 1, part
         _copy(strings, NOW, ABOVE)
+    elif part == search.high and part < 1.0 and search.later:  # none has turned back
+        search.low, search.high, search.known = part, 1.0, 1
+        _copy(strings, NOW, BELOW)
     elif part == search.high:
         search.tried = 0  # no string changes after all
         return False
@@ -351,9 +395,6 @@ def look_at_trial(table: int, searched: int, part: float, answer: int) -> bool:
 
 @borrowing
 def end_search(table: int, searched: int) -> float:
-    """Strings that were kept slack may pull again; the part of the step that the last trial took, 0 for no instant."""
-    search, broken = Search(searched), PlantView(table).broken
-    for m in range(len(broken)):
-        if broken[m] == KEPT_SLACK:
-            broken[m] = WHOLE
-    return search.high if search.tried else 0.0
+    """Let strings change again; the part of the step that the last trial took, 0 for no instant."""
+    _let_change(PlantView(table))
+    return Search(searched).high if Search(searched).tried else 0.0

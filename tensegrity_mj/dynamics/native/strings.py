@@ -7,9 +7,40 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull
-from tensegrity_mj.dynamics.native.plant_view import PlantView
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
+from tensegrity_mj.model.strings import EDGE
+
+# Of BROKEN, beside 0 (whole) and 1: within a step, whether a string is taut or slack stays as it was at its start.
+KEPT_SLACK, KEPT_TAUT = 2, -1
+
+
+@inlined
+def rest_moves(plant: Any) -> bool:
+    """Whether rest lengths follow a law at every stage, or lengths: then dL/dt is not the rate of a stretch."""
+    return bool((plant.mode == CONTINUOUS and not plant.suspended) or plant.holds_force_density)
+
+
+@inlined
+def over_rest(plant: Any, m: int, moves: bool) -> float:
+    """Stretch of a string [m] over its permanent one; where it is positive the string is taut.
+
+    A string that grows longer from zero, to round-off, is taut already: its damper acts from then on. `moves`: see
+    `rest_moves`.
+    """
+    length = plant.lengths[m]
+    over = length - plant.rest[m] - plant.permanent[m]
+    if over <= 0.0 and not moves and over >= -EDGE * length and plant.rates[m] > 0.0:
+        over = EDGE * length
+    return float(over)
+
+
+@inlined
+def is_taut(plant: Any, m: int, moves: bool) -> bool:
+    """Whether a string is taut, or kept so."""
+    state = plant.broken[m]
+    return bool(state == KEPT_TAUT or (state == 0 and over_rest(plant, m, moves) > 0.0))
 
 
 @borrowing
@@ -50,19 +81,18 @@ def tighten_strings(table: int) -> tuple[float, float]:
     Returns the powers Σ T_elastic dL/dt and Σ (T - T_elastic) dL/dt [W] of the elastic parts and of the dampers.
     """
     plant = PlantView(table)
-    stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
+    stiffness, damping, clipped, kept = plant.stiffness, plant.damping, plant.clipped, plant.broken
     lengths, rates, rest = plant.lengths, plant.rates, plant.rest
     tension, elastic = plant.tensions, plant.elastic
-    stored, lost, curved = 0.0, 0.0, plant.curved
+    stored, lost, curved, moves = 0.0, 0.0, plant.curved, rest_moves(plant)
     for m in range(len(rest)):
         stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
-        if stretch > 0.0 and not broken[m]:
-            if curved:
+        if is_taut(plant, m, moves):
+            if curved and stretch > plant.permanent[m]:
                 pull = curved_pull(plant, m, stretch)
-                total = pull + damping[m] * rates[m] if pull > 0.0 else 0.0
-            else:
-                pull = stiffness[m] * stretch
-                total = pull + damping[m] * rates[m]
+            elif stretch > 0.0 or kept[m]:
+                pull = stiffness[m] * (stretch - plant.permanent[m])
+            total = pull + damping[m] * rates[m]
             if clipped[m]:
                 total = max(0.0, total)
         elastic[m], tension[m] = pull, total
@@ -79,9 +109,9 @@ def string_energy(table: int) -> float:
     total, curved = 0.0, plant.curved
     for m in range(len(rest)):
         stretch = lengths[m] - rest[m]
-        if curved and not broken[m]:
+        if curved and broken[m] <= 0:
             total += curved_energy(plant, m, stretch)
-        elif stretch > 0.0 and not broken[m]:
+        elif stretch > 0.0 and broken[m] <= 0:
             total += 0.5 * stiffness[m] * stretch * stretch
     return total
 

@@ -77,6 +77,7 @@ class Ladder:
         resolving: the longest step [s] that resolves a run's motion; runs of longer ones are no evidence. Any, where a
             method controls its error itself.
         located: whether its steps end where strings go slack or taut, so that these do not lower its order.
+        aligned: whether they end at the kinks of data.
         dead: why it is given up, or "".
     """
 
@@ -91,6 +92,7 @@ class Ladder:
     least: float
     resolving: Callable[[Trajectory], float] = lambda run: math.inf
     located: bool = False
+    aligned: bool = True
     rungs: list[Rung] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)
     dead: str = ""
@@ -146,6 +148,7 @@ class Ladder:
                 self.dead = f"{FAILURES} runs in a row failed, the last: {rung.failure}"
             return
         self.highest = self.order if self.located else highest_order(rung.run, self.order)
+        self.highest = self.highest if self.aligned else min(self.highest, 2)
         self.longest = min(self.longest, self.resolving(rung.run))
         if last is not None:
             self.differences.append(difference(last, rung.run))
@@ -205,8 +208,8 @@ class Ladder:
         # An order is that of runs which all have one.
         if len(good) > 2 and good[0].setting > HALF * self.longest * (1 + AS_ONE):
             good = good[1:]
-        steps = [rung.setting for rung in good]
-        return judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, has_kinks(last))
+        steps, kinks = [rung.setting for rung in good], has_kinks(last) or not self.aligned
+        return judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, kinks)
 
     def next(self) -> tuple[float, float]:
         """The next setting, and what its run may cost [evaluations]."""

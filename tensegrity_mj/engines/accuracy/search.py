@@ -21,7 +21,6 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.convergence import ROUND_OFF
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
@@ -70,6 +69,7 @@ def fixed_steps(
         least=LEAST_STEP * request.duration,
         resolving=lambda run: resolving(rates_along(run, request)),
         located=located,
+        aligned=steps.aligned,
     )
 
 
@@ -98,14 +98,6 @@ def _with_first_step(run: Trajectory, step: float, request: Request, make: Calla
         name: run.cost[name] + whole.cost[name] + parts.cost[name] for name in ("wall_time", "steps", "evaluations")
     }
     return replace(run, cost=run.cost | cost)
-
-
-def can_locate(structure: Structure) -> bool:
-    """Whether `locate_slack` leaves RK4 its order wherever strings go slack or taut.
-
-    A damper that may push stops at once where its string goes slack, and no stage of a step may look beyond.
-    """
-    return not bool(np.any((structure.damping > 0) & ~structure.clipped))
 
 
 def round_off(request: Request) -> float:

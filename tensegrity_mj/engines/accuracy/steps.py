@@ -1,4 +1,4 @@
-"""Which steps a run can have so that its duration, samples, control periods and breaks are multiples of them."""
+"""Which steps a run can have so that its duration, samples, control periods, breaks and data are multiples of them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tensegrity_mj.errors import OptionError
 COARSEST = 0.1  # s; steps are begun with here, where nothing requires less
 FEWEST_STEPS = 20  # of the coarsest run
 AS_ONE = 1e-9  # relative: what `whole_ratio` takes for a multiple
+MOST_FINER = 16  # times, that steps are finer than they need be, so that they end at kinks of data
 FINEST = 1e-6  # of the duration: times whose common divisor is less have none
 
 
@@ -24,11 +25,13 @@ class Steps:
             moment only is compared too.
         count: of steps of that length in the run.
         interval: [s] between samples where the caller requested it, or None.
+        aligned: whether they end at all kinks of data (`Request.kinks`).
     """
 
     unit: float
     count: int
     interval: float | None
+    aligned: bool = True
 
     @classmethod
     def of(cls, request: Request, longest: float) -> Steps:
@@ -46,8 +49,11 @@ class Steps:
             shown = ", ".join(f"{name} {value:.12g} s" for name, value in times.items())
             raise OptionError(f"accuracy: no step divides all of {shown}; use round numbers")
         most = min(COARSEST, request.duration / FEWEST_STEPS, longest)
+        finer = common_divisor([base, *request.kinks], request.duration)
+        aligned = finer is not None and (finer == base or finer >= most / MOST_FINER)
+        base = finer if finer is not None and aligned else base
         unit = base / max(1, math.ceil(base / most * (1 - AS_ONE)))
-        return cls(unit, round(request.duration / unit), request.output_interval)
+        return cls(unit, round(request.duration / unit), request.output_interval, aligned)
 
     def fit(self, step: float) -> float:
         """The coarsest of them that is not coarser than this one [s]."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from tensegrity_mj.engines.accuracy.ladder import Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import can_locate, find, fixed_steps
+from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.forest import spanning_forest
@@ -43,7 +43,7 @@ def run_accurately(accuracy: float, request: Request, engine: Callable[..., Any]
 def _ladder(integrator: Integrator, start: Rates, request: Request, engine: Callable[..., Any]) -> Ladder:
     scene = request.scene
     explicit = integrator is Integrator.RK4
-    located = explicit and scene.contact is None and can_locate(scene.structure)
+    located = explicit and scene.contact is None
     order = min(ORDER[integrator], LOOP_ORDER) if spanning_forest(scene.structure).closures else ORDER[integrator]
 
     def longest(rates: Rates) -> float:

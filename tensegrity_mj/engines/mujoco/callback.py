@@ -20,7 +20,7 @@ from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats, inlined
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
-from tensegrity_mj.dynamics.native.strings import measure_segments, tighten_strings
+from tensegrity_mj.dynamics.native.strings import is_taut, measure_segments, rest_moves, tighten_strings
 from tensegrity_mj.dynamics.native.vectors import cross, minus, put, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.mujoco.answers import add_answers
@@ -298,17 +298,16 @@ def set_controls(table: int) -> bool:
     run = RunView(table)
     rest, designed, lengths, rates = run.rest, run.designed, run.lengths, run.rates
     stiffness, damping, ctrl, force_range = run.stiffness, run.damping, run.ctrl, run.force_range
-    broken, damped, clipped, curved, elastic = run.broken, run.damped, run.clipped, run.curved, run.elastic
+    broken, damped, clipped, curved, moves = run.broken, run.damped, run.clipped, run.curved, rest_moves(run)
     sane = True
     for m in range(len(ctrl)):
+        slack = not is_taut(run, m, moves)
         if curved:
-            slack = elastic[m] <= 0.0
             ctrl[m] = _curved_control(run, m, slack)
         else:
-            L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
-            slack = lengths[m] <= L0
+            L0 = rest[m]
             if slack and (damped or broken[m]):
-                L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
+                L0 = max(L0, lengths[m]) + lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
             ctrl[m] = L0 - designed[m]
         if not clipped[m]:
             force_range[m, 1] = 0.0 if slack else UNLIMITED

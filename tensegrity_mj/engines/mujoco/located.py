@@ -60,7 +60,7 @@ def copy_state(kept: Any, origin: int, goal: int) -> None:
 
 
 @borrowing
-def after_first_stage(table: int, kept: Any, search: int) -> None:
+def after_first_stage(table: int, kept: Any, search: int, last: bool) -> None:
     """Keep the state at the start of a step or part, whose forces are known now, and what is known of the strings.
 
     Its powers [W] are kept with it, since their work counts with the length of the step.
@@ -69,7 +69,7 @@ def after_first_stage(table: int, kept: Any, search: int) -> None:
     run = RunView(table)
     run.powers[2] += count_constraints(run, run.step / 6.0, False)
     copy_state(kept, SOURCE, AT_START)
-    look_at_start(table, search)
+    look_at_start(table, search, last)
 
 
 @borrowing
@@ -124,7 +124,7 @@ class LocatedRun(MuJoCoRun):
         super().__init__(options, request)
         data, plant = self.data, self.plant
         self._evaluations = 0
-        self._search = search_of(plant["string_count"])
+        self._search = search_of(plant["string_count"], plant["curved"])
         step = plant.place("step")
         own = (
             self.counters,
@@ -154,7 +154,7 @@ class LocatedRun(MuJoCoRun):
         blank, search, kept = Table("blank", RUN), search_of(0), self._kept[:0]
         blank.set(counters=np.full(len(self.counters), -1), work=np.zeros(3), powers=np.zeros(3))
         table, at = blank.address, search.address
-        after_first_stage(table, kept, at)
+        after_first_stage(table, kept, at, False)
         after_last_stage(table, 0.0, 1.0, at)
         copy_state(kept, SOURCE, AT_END)
         begin_search(table, at, 1.0)
@@ -204,7 +204,7 @@ class LocatedRun(MuJoCoRun):
                 # A law that fails at the start of a part leaves no row, as one that does within a step.
                 self.counters[STAGE] = max(self.counters[STAGE], split > 0)
                 return False
-            after_first_stage(table, self._kept, search)
+            after_first_stage(table, self._kept, search, split == MOST_SPLITS)
             if not self._other_stages():
                 return False
             self._see()

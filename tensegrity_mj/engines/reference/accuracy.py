@@ -8,7 +8,7 @@ from typing import Any
 
 from tensegrity_mj.engines.accuracy.ladder import ATOL, LEAST_TOLERANCE, Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import can_locate, find, fixed_steps, round_off
+from tensegrity_mj.engines.accuracy.search import find, fixed_steps, round_off
 from tensegrity_mj.engines.accuracy.steps import FEWEST_STEPS
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.reference.method import Method
@@ -43,10 +43,9 @@ def run_accurately(
         TensegrityError: what the finest runs raised, where no step was fine enough.
     """
     start = rates_at_start(request)
-    located = can_locate(request.scene.structure)
 
     def fixed(step: float, adapted: Request) -> Trajectory:
-        options = with_method(method=Method.RK4, timestep=step, locate_slack=located)
+        options = with_method(method=Method.RK4, timestep=step, locate_slack=True)
         return made(options, adapted)
 
     def longest(rates: Rates) -> float:
@@ -72,7 +71,7 @@ def run_accurately(
         )
 
     fast = max(start.turn, start.decay) * request.duration
-    rk4 = fixed_steps(Method.RK4.value, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located)
+    rk4 = fixed_steps(Method.RK4.value, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located=True)
     ladders = [rk4, controlled(Method.DOP853, FEWEST + PER_TURN * fast)]
     if fast > (DAMPED if start.decay > start.turn else STIFF):
         ladders.append(controlled(Method.RADAU, IMPLICIT))

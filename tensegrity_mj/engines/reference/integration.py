@@ -127,7 +127,8 @@ class IntegratedRun:
         rows = all_rows[before_first:]
         grid.describe(self.plant, all_rows)
         self.plant["total"] += 1  # the state is kept before the last row is seen to
-        self.plant["search"] = search_of(self.plant["string_count"]) if self.options.locate_slack else 0
+        search = search_of(self.plant["string_count"], self.plant["curved"])
+        self.plant["search"] = search if self.options.locate_slack else 0
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         rk4_steps(self.table, self.y, 0, 0)  # compiles
         self.plant["resolution_kind"] = STAGES

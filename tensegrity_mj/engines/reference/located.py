@@ -110,7 +110,7 @@ def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple
     z[:] = y
     left, evaluations = h, 0
     for split in range(MOST_SPLITS + 1):
-        look_at_start(table, search)
+        look_at_start(table, search, split == MOST_SPLITS)
         worst = rk4_stages(table, t, left, z, room, x)
         evaluations += 3
         if worst > NO_SOLUTION:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.engines.accuracy.search import can_locate
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.ode import ODE
@@ -81,7 +80,7 @@ def _fixed(family: str, setup: Setup) -> list[tuple[Any, Any]]:
     fine = setup.duration / steps
     scene = setup.experiment.scene
     # Of steps that are not split where strings go slack, two may be wrong by nearly the same.
-    located = scene.contact is None and can_locate(scene.structure)
+    located = scene.contact is None
     if family == "mujoco":
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
