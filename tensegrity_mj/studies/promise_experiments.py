@@ -1,5 +1,8 @@
 """Experiments on which the promise of `accuracy=` is measured: shipped scenes and random structures, drawn by seed.
 
+Those of `Kind.EVENTS` have forces with kinks and jumps besides those of slack strings: corners of tension curves,
+yields, dampers that may push, strings over pulleys, supports that follow data, and records of the ground.
+
 Random ones go from where a fixed step is easy to where it is not: strings of any stiffness, dampers that stop a
 structure within a step, rods that spin, rods so short that a string's tension turns them fast, rods near the pole of
 the ODE's angles. Contact is left out, which one engine alone can compute.
@@ -17,7 +20,11 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.random_structures import log_uniform, random_structure, random_velocities, unit
 from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.ground import Ground
+from tensegrity_mj.model.members import String
+from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes.pace import pace
 
@@ -27,6 +34,7 @@ class Kind(enum.Enum):
 
     RANDOM = "random"  # structures of 1 to 6 rods
     SHIPPED = "shipped"  # scenes of the package, open and closed loop, all actuation modes
+    EVENTS = "events"  # structures of 1 to 3 rods whose forces have kinks and jumps of one sort
 
 
 ENGINES = ("MuJoCo", "DAE", "ODE")
@@ -45,6 +53,7 @@ TURNS = (3.0, 300.0)  # rad of the fastest vibration or turn in a run: a tight r
 DECAYS = 3e3  # most time constants of the fastest damper in a run
 LONGEST = 2.0  # s
 DEPTH = (1.5, 7.0)  # decades from what the nodes move to the request
+SORTS = ("curved", "yielding", "pushing", "pulleys", "moved", "shaken")  # of events
 
 
 @dataclass(frozen=True)
@@ -72,8 +81,10 @@ def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
     """The experiment of a number: engines go round, all else is drawn."""
     rng = np.random.default_rng([seed, number])
     engine = ENGINES[number % 3]
-    if kind is Kind.RANDOM:
-        scene, distance, words = _random(rng)
+    if kind is not Kind.SHIPPED:
+        scene, distance, words = (
+            _random(rng) if kind is Kind.RANDOM else _eventful(rng, SORTS[number // 3 % len(SORTS)])
+        )
         accuracy = distance * 10 ** -rng.uniform(*DEPTH)
         return Experiment(scene, None, Actuation.continuous(), engine, _request(accuracy), f"random: {words}")
     decade = (number // 3) % 8  # 1e-2 .. 1e-9 and down to a tenth of it
@@ -152,6 +163,55 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
     features += [f"damped {ratio:.2g} of critical"] * bool(ratio) + [f"spin {spin:.2g} rad/s"] * bool(spin)
     words = f"{rods} rods, {M} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in features)}, {duration:g} s"
     return scene.with_(duration=duration), distance, words
+
+
+def _eventful(rng: np.random.Generator, sort: str) -> tuple[Scene, float, str]:
+    """The same of a scene with events of one of `SORTS`."""
+    rods = int(rng.integers(1, 4))
+    law = StringLaw.UNCLIPPED if sort == "pushing" else StringLaw.CLIPPED
+    structure = random_structure(
+        rng,
+        rods=rods,
+        strings=int(rng.integers(2 * rods, 3 * rods + 2)),
+        fixed_nodes=2,
+        stiffness=(50.0, 500.0),
+        damping=(0.0, 4.0) if rng.uniform() < 0.7 or sort == "pushing" else (0.0, 0.0),
+        law=law,
+    )
+    strings = [_string_of(rng, structure, number, sort) for number in range(len(structure.strings))]
+    structure = replace(structure, strings=tuple(strings))
+    start = random_velocities(rng, structure, structure.positions, float(rng.uniform(0.3, 2.0)))
+    scene = Scene(structure, gravity=(0.0, 0.0, -9.81), name="random", initial_velocities=start)
+    uneven = 0.3 * float(rng.uniform() < 0.3)
+    times = np.cumsum(rng.choice([0.04, 0.05, 0.07]) * (1.0 + uneven * rng.uniform(-1.0, 1.0, 30)))
+    data = rng.normal(size=(30, 3))
+    if sort == "moved":
+        scene = scene.with_(motions=(Motion.data(structure.fixed_nodes[0], times, 0.02 * data),))
+    elif sort == "shaken":
+        scene = Ground(tuple(times.tolist()), tuple(map(tuple, (3.0 * data).tolist()))).shake(scene)
+    duration = float(f"{rng.uniform(0.2, 0.8):.2f}")
+    return scene.with_(duration=duration), 0.1, f"{sort}: {rods} rods, {len(strings)} strings, {duration:g} s"
+
+
+def _string_of(rng: np.random.Generator, structure: Structure, number: int, sort: str) -> String:
+    """A string of a structure, some with a curve, or over a fixed node, where events are of that sort."""
+    string = structure.strings[number]
+    changes: dict[str, Any] = {"tension": None, "force_density": None}
+    changes["rest_length"] = float(structure.rest_lengths[number])
+    free = [node for node in structure.fixed_nodes if node not in string.nodes]
+    if sort in ("curved", "yielding") and rng.uniform() < 0.7:
+        stretches, slopes = np.cumsum(rng.uniform(0.02, 0.1, 3)), string.stiffness * rng.uniform(0.3, 2.0, 3)
+        slopes = np.minimum(slopes, slopes[0]) if sort == "yielding" else slopes
+        tensions = np.cumsum(slopes * np.diff(stretches, prepend=0.0))
+        curve = tuple(zip(stretches.tolist(), tensions.tolist(), strict=True))
+        changes |= {"curve": curve, "yields": sort == "yielding", "stiffness": float(slopes[0])}
+    elif sort == "pulleys" and free and rng.uniform() < 0.7:
+        i, j = string.nodes
+        nodes = (i, free[0], j)
+        at = np.array([structure.nodes[node] for node in nodes])
+        length = float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum())
+        changes |= {"nodes": nodes, "rest_length": length * float(rng.uniform(0.9, 1.05))}
+    return replace(string, **changes)
 
 
 def _shortened(structure: Structure, length: float) -> Structure:
