@@ -133,12 +133,18 @@ def has_kinks(run: Trajectory) -> bool:
     return bool(_at_times(run.tensions != 0).any()) or _passes_corners(run) or _slack_between(run)
 
 
+def pieces_along(run: Trajectory) -> NDArray[np.intp]:
+    """(T, M) on which piece of its tension curve each string is."""
+    structure = run.scene.structure
+    return structure.curves.pieces(structure.string_lengths(run.nodes) - run.rest_lengths)
+
+
 def _passes_corners(run: Trajectory) -> bool:
     """Whether a string was on two pieces of its tension curve, or yielded."""
     structure = run.scene.structure
     if structure.curves.linear:
         return False
-    pieces = structure.curves.pieces(structure.string_lengths(run.nodes) - run.rest_lengths)
+    pieces = pieces_along(run)
     return bool(np.any((pieces != pieces[:1]) | (structure.curves.yields & (pieces > 0))))
 
 

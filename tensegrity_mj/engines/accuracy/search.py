@@ -21,7 +21,7 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.runs.convergence import ROUND_OFF
+from tensegrity_mj.runs.convergence import ROUND_OFF, pieces_along
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 LEAST_STEP = 1e-9  # of the duration
@@ -74,13 +74,15 @@ def fixed_steps(
 
 
 def _with_first_step(run: Trajectory, step: float, request: Request, make: Callable[..., Trajectory]) -> Trajectory:
-    """The run with what its first step is wrong by, where a string goes slack or taut before its second sample.
+    """The run with what its first step is wrong by, where a string goes slack or taut, or passes a corner, before its
+    second sample.
 
     Such a step ends at that instant. A run of half the step takes the very same part first where the instant is within
     its first step, too, and both are wrong alike, by what no difference of them shows. So it is taken in `PARTS` as
     well. What is wrong after it, ε in nodes and ε' in their velocities, is taken for ε + ε' T at the end.
     """
-    if len(run.time) < 2 or not np.any((run.tensions[0] != 0) != (run.tensions[1] != 0)):
+    pulls, pieces = run.tensions[:2] != 0, pieces_along(run)[:2]
+    if len(run.time) < 2 or not np.any((pulls[0] != pulls[1]) | (pieces[0] != pieces[1])):
         return run
     short = replace(request, duration=step, output_interval=step, progress=False)
     try:
