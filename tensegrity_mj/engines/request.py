@@ -56,7 +56,8 @@ class Request:
         """[s] where forces have kinks in any state: times of data that supports follow, or a law at every stage."""
         times = {time for motion in self.scene.motions for time in motion.times}
         times.update(() if self.sampled else self.law.kinks)
-        return sorted(time for time in times if 0 < time < self.duration)
+        begin = 0.0 if self.start is None else self.start.time
+        return sorted(time for time in times if begin < time < begin + self.duration)
 
 
 def request_for(
