@@ -16,7 +16,6 @@ from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, code_of_status, number, output_folder, table
 from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError, printable
-from tensegrity_mj.pictures.page import judgement_of_runs
 
 TIMESTEP = 1e-3  # s, of the run that is filmed
 TIMESTEPS = (5e-3, 2e-3, 1e-3, 5e-4)  # s, of the table of agreement
@@ -74,6 +73,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     written = table([(what, str(path)) for what, path in places.items()])
     lines = [table(rows), "", *([no_video, ""] if no_video else []), "Written:", written]
     data |= {"files": places, "no_video": no_video}
+    from tensegrity_mj.pictures.page import judgement_of_runs
+
     judgement = judgement_of_runs([run, reference], comparison)
     return Outcome(data, "\n".join(lines), code_of_status(worst.status), judgement=judgement)
 

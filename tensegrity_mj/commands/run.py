@@ -14,7 +14,6 @@ from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, code_of_status, distinct, for_paper, number, refuse, table, warn
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.pictures.page import judgement_of_runs
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -76,6 +75,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         pictures.make_web_page(run).save(web)
     if options.view and len(run.time):
         pictures.play(run, options.speed or 1.0, thickness=bool(options.thickness))
+    from tensegrity_mj.pictures.page import judgement_of_runs
+
     judgement = judgement_of_runs([run])
     for finding in judgement.findings:
         warn(finding.text)
