@@ -82,6 +82,8 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     assert '"$schema"' in (tmp_path / "site" / "schema.json").read_text(encoding="utf-8")
     assert "simulate" in (tmp_path / "site" / "api" / "index.html").read_text(encoding="utf-8")
     assert (tmp_path / "site" / "scenes" / "prism.html").exists()
+    # By this class docs/site.css breaks the lines of commands, which cards and phones would cut off.
+    assert 'class="language-bash highlight"' in (tmp_path / "site" / "gallery.html").read_text(encoding="utf-8")
     # No page loads anything from elsewhere.
     for page in (tmp_path / "site").glob("*.html"):
         loaded = re.findall(r'<(?:script|img|link)[^>]* (?:src|href)="(https?://[^"]+)"', page.read_text("utf-8"))
