@@ -3,7 +3,7 @@
     gallery()       every scene: its picture, what it is, where it is from, the command that films it
     commands()      every command and option, from the parser's own tables
     api()           one page a room of the package: the names of its face, whose docstrings mkdocstrings shows
-    notebook(path)  the cells of a notebook
+    notebook(path)  the cells of a notebook, run
     schema()        the JSON Schema of scene files
 
 `python scripts/site_pages.py --films` films every scene whose film is missing or old, into build/films/.
@@ -15,10 +15,12 @@ import argparse
 import ast
 import html
 import json
+import os
 import re
 import shlex
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -268,13 +270,51 @@ def _api_page(name: str, text: str | None, members: Iterable[str]) -> str:
 # Notebooks
 
 
+# Runs cells, whose sources come as JSON, and answers with what each prints, and its figures as PNG in base64.
+RUN = """
+import base64, contextlib, io, json, sys
+import matplotlib.pyplot as plt
+
+names, answers = {"__name__": "__main__"}, []
+for source in json.load(sys.stdin):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(source, "cell", "exec"), names)
+    drawn = []
+    for number in plt.get_fignums():
+        file = io.BytesIO()
+        plt.figure(number).savefig(file, format="png", dpi=110)
+        drawn.append(base64.b64encode(file.getvalue()).decode())
+    plt.close("all")
+    answers.append((printed.getvalue(), drawn))
+print(json.dumps(answers))
+"""
+
+
 def notebook(path: Path) -> str:
-    """The cells of a notebook as a page, with a link to the file."""
+    """The cells of a notebook as a page, with what they print and draw when they are run now, and a link to the file."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    sources = ["".join(cell["source"]) for cell in cells]
+    codes = [source for source, cell in zip(sources, cells, strict=True) if cell["cell_type"] == "code"]
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "MPLBACKEND": "agg"}
+        command = [sys.executable, "-c", RUN]
+        done = subprocess.run(
+            command, input=json.dumps(codes), cwd=folder, env=environment, text=True, stdout=subprocess.PIPE
+        )
+    if done.returncode:
+        raise RuntimeError(f"{path}: a cell fails: see above")
+    outputs = iter(json.loads(done.stdout))
     pieces = []
-    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
-        source = "".join(cell["source"])
-        pieces.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
-    pieces.insert(1, f"[The notebook]({path.name}) runs as it is; its outputs are not kept.")
+    for source, cell in zip(sources, cells, strict=True):
+        if cell["cell_type"] == "markdown":
+            pieces.append(source)
+            continue
+        printed, drawn = next(outputs)
+        pieces.append(f"```python\n{source}\n```")
+        pieces += [f"```text\n{printed.rstrip()}\n```"] if printed else []
+        pieces += [f'<img alt="The figure that this cell draws" src="data:image/png;base64,{one}">' for one in drawn]
+    pieces.insert(1, f"[The notebook]({path.name}); what its cells print and draw is of the build of this page.")
     return "\n\n".join(pieces) + "\n"
 
 
