@@ -184,5 +184,5 @@ set_up() { # run|docs|dev
     install_package "$python" "$1"
     see_to_dm_control "$python"
     see_to_opengl
-    if [ "$1" != docs ]; then see_to_compiling; fi # the site simulates nothing
+    if [ "$1" != docs ]; then see_to_compiling; fi # the site compiles what its notebooks call
 }

@@ -272,36 +272,39 @@ def _api_page(name: str, text: str | None, members: Iterable[str]) -> str:
 
 # Runs cells, whose sources come as JSON, and answers with what each prints, and its figures as PNG in base64.
 RUN = """
-import base64, contextlib, io, json, sys
+import ast, base64, contextlib, io, json, sys
 import matplotlib.pyplot as plt
 
 names, answers = {"__name__": "__main__"}, []
 for source in json.load(sys.stdin):
-    printed = io.StringIO()
+    printed, drawn, body = io.StringIO(), [], ast.parse(source)
+    shown = None if source.rstrip().endswith(";") or not isinstance(body.body[-1], ast.Expr) else body.body.pop()
     with contextlib.redirect_stdout(printed):
-        exec(compile(source, "cell", "exec"), names)
-    drawn = []
+        exec(compile(body, "cell", "exec"), names)
+        value = eval(compile(ast.Expression(shown.value), "cell", "eval"), names) if shown else None
+    if hasattr(value, "_repr_png_"):
+        drawn.append(value._repr_png_())
+    elif value is not None:
+        print(repr(value), file=printed)
     for number in plt.get_fignums():
         file = io.BytesIO()
         plt.figure(number).savefig(file, format="png", dpi=110)
-        drawn.append(base64.b64encode(file.getvalue()).decode())
+        drawn.append(file.getvalue())
     plt.close("all")
-    answers.append((printed.getvalue(), drawn))
+    answers.append((printed.getvalue(), [base64.b64encode(one).decode() for one in drawn]))
 print(json.dumps(answers))
 """
 
 
 def notebook(path: Path) -> str:
-    """The cells of a notebook as a page, with what they print and draw when they are run now, and a link to the file."""
+    """The cells of a notebook as a page, with what they print and draw when they are run, and a link to the file."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     sources = ["".join(cell["source"]) for cell in cells]
     codes = [source for source, cell in zip(sources, cells, strict=True) if cell["cell_type"] == "code"]
     with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "MPLBACKEND": "agg"}
-        command = [sys.executable, "-c", RUN]
-        done = subprocess.run(
-            command, input=json.dumps(codes), cwd=folder, env=environment, text=True, stdout=subprocess.PIPE
-        )
+        environment, out = {**os.environ, "MPLBACKEND": "agg"}, subprocess.PIPE
+        command, given = [sys.executable, "-c", RUN], json.dumps(codes)
+        done = subprocess.run(command, input=given, cwd=folder, env=environment, text=True, stdout=out)
     if done.returncode:
         raise RuntimeError(f"{path}: a cell fails: see above")
     outputs = iter(json.loads(done.stdout))

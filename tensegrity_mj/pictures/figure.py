@@ -47,7 +47,15 @@ def new_figure(width: float, height: float) -> Figure:
         def draw_idle(self, *_: Any, **__: Any) -> None:
             """Do not draw."""
 
-    figure = MatplotlibFigure(figsize=size, layout="constrained")
+    class Shown(MatplotlibFigure):
+        """A figure that a notebook shows: those of pyplot alone it would know."""
+
+        def _repr_png_(self) -> bytes:
+            stream = io.BytesIO()
+            print_png(self, stream, DPI)
+            return stream.getvalue()
+
+    figure = Shown(figsize=size, layout="constrained")
     Canvas(figure)
     return figure
 

@@ -99,3 +99,7 @@ def test_videos_play_and_other_files_are_named(tmp_path: Path) -> None:
     film.write_bytes(b"film")
     assert film._repr_html_() == '<video controls loop src="data:video/mp4;base64,ZmlsbQ=="></video>'
     assert film.parent._repr_html_() == f"<code>{tmp_path}</code>"  # type: ignore[attr-defined]
+
+
+def test_a_figure_is_shown_without_pyplot(prism_run: tmj.Trajectory) -> None:
+    assert plots.plot_motion(prism_run)._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
