@@ -103,6 +103,15 @@ def warn(text: str) -> None:
     print(f"warning: {printable(text)}", file=sys.stderr)
 
 
+def warn_of_findings(judgement: Judgement, simulated: bool) -> None:
+    """Print what speaks against runs as warnings; of runs simulated just now, what `simulate` has not warned of."""
+    from tensegrity_mj.runs.judgement import is_of_the_step
+
+    for finding in judgement.findings:
+        if not (simulated and is_of_the_step(finding.text)):
+            warn(finding.text)
+
+
 def output_folder(path: str | os.PathLike[str], files: Sequence[str]) -> Path:
     """The folder of --out, made if it is absent, once it is certain that these files can be written in it.
 

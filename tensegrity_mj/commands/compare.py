@@ -24,6 +24,7 @@ from tensegrity_mj.commands.common import (
     refuse,
     table,
     warn,
+    warn_of_findings,
 )
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
@@ -88,8 +89,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         if plot:
             with for_paper(options.paper):
                 pictures.plots.plot_comparison(comparison, plot, runs=[first, second])
-    for finding in judgement.findings:
-        warn(finding.text)
+    warn_of_findings(judgement, simulated=len(options.inputs) == 1)
     # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {

@@ -11,7 +11,17 @@ import tensegrity_mj.library as library
 from tensegrity_mj import model, pictures, runs
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, code_of_status, distinct, for_paper, number, refuse, table, warn
+from tensegrity_mj.commands.common import (
+    Outcome,
+    code_of_status,
+    distinct,
+    for_paper,
+    number,
+    refuse,
+    table,
+    warn,
+    warn_of_findings,
+)
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
 
@@ -78,8 +88,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.pictures.page import judgement_of_runs
 
     judgement = judgement_of_runs([run])
-    for finding in judgement.findings:
-        warn(finding.text)
+    warn_of_findings(judgement, simulated=True)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     text = describe(data)
     if after is not None and (run.time >= after).sum() < 2:

@@ -29,6 +29,7 @@ MOST_LETTERS = 160  # of a reason within a sentence
 # Warnings of the difference between the law's model and the scene, which a test of that difference expects.
 OF_THE_LAW = ("the law assumes", "V leaves the decay")
 UNSTABLE = "is beyond the largest stable one"  # a step, in a warning
+COARSE = "is too coarse for the scene's contact"
 
 
 @dataclass(frozen=True)
@@ -98,19 +99,29 @@ def doubts(run: Trajectory, of_the_law: bool = True) -> list[str]:
         if one.get("exceeded") and not any(UNSTABLE in text for text in found):
             found.append(f"the step of {quantity(step['step'], 's')} {UNSTABLE}{words}")
         if one.get("resolved") is False:
-            found.append(f"the step of {quantity(step['step'], 's')} is too coarse for the scene's contact")
+            found.append(f"the step of {quantity(step['step'], 's')} {COARSE}")
     for name, limit in (reports.get("limits") or {}).items():
         if limit["strings"]:
             found.append(f"{name} is reached by {', '.join(limit['strings'])}")
     return list(dict.fromkeys(found))
 
 
+def is_of_the_step(doubt: str) -> bool:
+    """Whether a doubt is one of those that `simulate` warns of before a run, with their causes and remedies."""
+    return doubt.endswith(COARSE) or UNSTABLE in doubt
+
+
 def growth(run: Trajectory) -> list[str]:
     """The energy, the force densities and the distances that have grown more than `GREW` times in the last quarter."""
+    if len(run.time) < FEWEST:
+        return []
     found = []
+    part = (run.time - run.time[0]) / (run.time[-1] - run.time[0])
+    # Of coarse samples the last one before the quarter is earlier, and what grows with the square of time less there.
+    most = GREW * (0.75 / max(float(part[part < 0.75].max()), 1e-3)) ** 2
     for name, unit, values, floor, since in _series(run):
         last, before = (float(np.max(part, initial=0.0)) for part in quarters(run.time, values, since))
-        if last > max(GREW * before, floor):
+        if last > max(most * before, floor):
             now, then = quantity(last, unit), quantity(before, unit)
             found.append(f"{name} grows: up to {now} in the last quarter of the run, {then} before")
     return found
@@ -118,8 +129,6 @@ def growth(run: Trajectory) -> list[str]:
 
 def _series(run: Trajectory) -> Iterator[tuple[str, str, Array, float, float]]:
     """Names, units, values (T,), the least that counts, and from which part of the run on what came before counts."""
-    if len(run.time) < FEWEST:
-        return
     from tensegrity_mj.runs.energy import energy_exchanged, energy_unresolved
 
     target, size = run.scene.target, size_of(run)

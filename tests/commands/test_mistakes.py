@@ -53,7 +53,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "name a file that `run --out` or `save` wrote",
     ),
     "compare prism tower": ("compare prism tower", "give one scene, or two"),
-    "compare text.nc text.nc": ("text.nc", "not a readable trajectory"),
+    "compare text.nc text.nc": ("text.nc", "a run compared with itself shows nothing"),
     "render text.nc --out p.mp4 --size 1280": ("--size: '1280'", "for example 1280x720"),
     "export prism": ("--out: missing", "export --help"),
     "statics prism --load n99=0,0,1": ("loads: there is no node 'n99'", "allowed: O, n1"),

@@ -381,7 +381,7 @@ def test_laws_that_cannot_stand_alone_are_refused(prism, law) -> None:
         (prism, Delayed(law, 1, 0.01), "sampl"),
         (prism, Lyapunov(prism.structure, prism.target, norm=1), "sampled"),
         (prism.with_(breaks=(tmj.model.Break("s1", 0.1),)), law, "break"),
-        (prism, None, "nothing to install"),
+        (prism, None, "no law to install"),
     ):
         with pytest.raises(tmj.errors.OptionError, match=word), tmj.law_in(scene, one, RK4):
             pass

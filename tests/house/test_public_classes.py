@@ -38,7 +38,7 @@ RESULTS = set(
     "Trajectory Imported Linearization WebPage Approach Clearance Comparison Event FlowNumbers Score Statistics Table "
     "Critical Curve EngineCheck EngineEquilibrium MemberCheck Modes Path Prestressability Response Sizing SlackEvent "
     "SlackInterval StaticModel StaticState StaticStudy TrajectoryCheck Use Ensemble Identification Requirements Study "
-    "Validation Tradeoff State Reproduction ScenePhysics TensegrityTask Sea Gains Element".split()
+    "Validation Tradeoff State Limit Reproduction ScenePhysics TensegrityTask Sea Gains Element".split()
 )
 PINNED = tmj.load_scene("pinned_rod")
 PRISM = tmj.load_scene("prism")
