@@ -22,8 +22,10 @@ SMALL = 1e-6  # bounds above it are none of round-off
 NEAR = 0.1  # of its bound: a quotient that is listed
 MOST = 40  # lines
 FREED_FROM, MOST_HELD = 0.5e9, 1.1e9  # bytes of a process, above which a module's end, or a test's, frees memory
+WORTH = 0.25e9  # bytes above what was left the last time: less is not worth compiling again what is freed
 
 quotients: dict[str, float] = {}
+left = {"bytes": 0.0}  # when memory was last freed
 peaks: dict[str, float] = {}  # [GB] by process
 NUMBER = re.compile(r"(?!.*\.\.)[\d.e+\-*/() ]+")  # and none that is shortened by dots
 
@@ -73,7 +75,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     """Free what a module's tests compiled and drew, of which the next needs nothing, where that is much."""
     done = yield
     ends = nextitem is None or nextitem.path != item.path
-    if resident() > (FREED_FROM if ends else MOST_HELD):
+    if resident() > max(FREED_FROM if ends else MOST_HELD, left["bytes"] + WORTH):
         for value in vars(getattr(item, "module", None) or object).values() if ends else ():
             if getattr(value, "__module__", "") == item.path.stem and hasattr(value, "cache_clear"):
                 value.cache_clear()
@@ -84,6 +86,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.collect()
         if sys.platform == "linux":
             getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # of glibc, which keeps most of what is freed
+        left["bytes"] = resident()
     return done
 
 
