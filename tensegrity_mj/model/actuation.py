@@ -74,9 +74,9 @@ def whole_ratio(larger: float, smaller: float, what: str) -> int:
     count = round(ratio)
     if count < 1 or abs(ratio - count) > 1e-9 * max(1.0, ratio):
         low, high = max(1, math.floor(ratio)), max(1, math.floor(ratio)) + 1
+        part = f"{larger:.12g}/{count}" if count > 1 else f"{larger:.12g}"
         raise OptionError(
             f"{what}: {larger:.12g} s is no multiple of {smaller:.12g} s (ratio {ratio:.9g}); "
-            f"use {low * smaller:.12g} s or {high * smaller:.12g} s, or {larger:.12g}/{max(1, count)} s in place of "
-            f"{smaller:.12g} s"
+            f"use {low * smaller:.12g} s or {high * smaller:.12g} s, or {part} s in place of {smaller:.12g} s"
         )
     return count
