@@ -26,7 +26,8 @@ WORTH = 0.25e9  # bytes above what was left the last time: less is not worth com
 
 quotients: dict[str, float] = {}
 left = {"bytes": 0.0}  # when memory was last freed
-peaks: dict[str, float] = {}  # [GB] by process
+peaks: dict[str, str] = {}  # by process: the largest memory, and the test that raised it most
+rise: dict[str, Any] = {"peak": 0.0, "by": 0.0, "test": ""}  # [GB]
 NUMBER = re.compile(r"(?!.*\.\.)[\d.e+\-*/() ]+")  # and none that is shortened by dots
 
 
@@ -74,6 +75,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
     """Free what a module's tests compiled and drew, of which the next needs nothing, where that is much."""
     done = yield
+    if (peak := largest()) - rise["peak"] > rise["by"] and rise["peak"]:
+        rise.update(by=peak - rise["peak"], test=item.nodeid)
+    rise["peak"] = peak
     ends = nextitem is None or nextitem.path != item.path
     if resident() > max(FREED_FROM if ends else MOST_HELD, left["bytes"] + WORTH):
         for value in vars(getattr(item, "module", None) or object).values() if ends else ():
@@ -90,9 +94,14 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return done
 
 
+def largest() -> float:
+    """The most memory that this process has had [GB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e9 if sys.platform == "darwin" else 1e6)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e9 if sys.platform == "darwin" else 1e6)
-    peaks[os.environ.get("PYTEST_XDIST_WORKER", "this process")] = peak
+    most = f"{largest():.2g} GB" + (f", {rise['by']:.2g} GB of it in {rise['test']}" if rise["test"] else "")
+    peaks[os.environ.get("PYTEST_XDIST_WORKER", "this process")] = most
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput |= {"peaks": peaks, "quotients": quotients}
 
@@ -106,8 +115,8 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    parts = ", ".join(f"{name} {peak:.2g} GB" for name, peak in sorted(peaks.items()))
-    terminalreporter.write_line(f"largest memory: {parts}")
+    for name, most in sorted(peaks.items()):
+        terminalreporter.write_line(f"largest memory: {name} {most}")
     near = sorted((-value, name) for name, value in quotients.items() if value > NEAR)
     for value, name in near[:MOST]:
         terminalreporter.write_line(f"error/bound {-value:.2g}  {name}")
