@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from tensegrity_mj.basics.dependencies import distribution_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands import (
     audit,
@@ -106,7 +107,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if name and name.partition(".")[0] != "tensegrity_mj":
-            message = f"the Python package '{name}' is missing: install it with python -m pip install {name}"
+            remedy = f"install it with python -m pip install {distribution_of(name)}"
+            message = f"the Python package '{name}' is missing: {remedy}"
             return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
         # A mistake of ours: Python prints its traceback, but who requested JSON gets an answer too.
         if not as_json:

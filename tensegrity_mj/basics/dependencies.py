@@ -18,10 +18,19 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 EXTRA = "dm-control-needs"
+# Imports whose distributions have other names, hyphens apart.
+IMPORTED_AS = {"OpenGL": "PyOpenGL", "PIL": "pillow", "absl": "absl-py", "google": "protobuf"}
+IMPORTED_AS |= {"mujoco.mjx": "mujoco-mjx", "tree": "dm-tree", "yaml": "pyyaml"}
+
+
+def distribution_of(module: str) -> str:
+    """The name by which pip installs the package of a module, as "pyyaml" for "yaml"."""
+    top, inner, _ = f"{module}..".split(".", 2)
+    return IMPORTED_AS.get(f"{top}.{inner}") or IMPORTED_AS.get(top, top.replace("_", "-"))
 
 
 def optional(package: str, what: str, wanted: str = "") -> Any:
-    """A package that is needed by one call alone, imported; `wanted` is what to install, by default the package.
+    """A package that is needed by one call alone, imported; `wanted` is what to install, by default its distribution.
 
     Raises:
         MissingPackageError: naming that call and the command that installs the package.
@@ -31,7 +40,7 @@ def optional(package: str, what: str, wanted: str = "") -> Any:
     except ImportError as error:
         raise MissingPackageError(
             f"{what} needs {package}, which cannot be imported ({error}); install it: python -m pip install "
-            f"{wanted or package}"
+            f"{wanted or distribution_of(package)}"
         ) from None
 
 

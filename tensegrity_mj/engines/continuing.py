@@ -6,7 +6,6 @@ and strings that yield remember, and the ledger. Steps, samples, breaks, loads a
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.degraded import Delayed
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.ends import parts_of, texts_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 OF_STRINGS = ("held", "memory", "permanent", "last_stretch", "broken", "sampled_lengths")
@@ -42,22 +42,23 @@ class Start:
         Raises:
             OptionError: where they are of another size.
         """
-        for name, target in {**{name: plant[name] for name in ARRAYS}, **own}.items():
-            if target.size != self.parts[name].size:
+        numbers = {name: np.zeros(1) for name in NUMBERS}
+        for name, target in {**{name: plant[name] for name in ARRAYS}, **own, **numbers}.items():
+            part = self.parts.get(name, ())
+            if target.size != len(part):
                 raise OptionError(
-                    f"the run to go on from has {self.parts[name].size} numbers of {name}, and this one {target.size}: "
+                    f"the run to go on from has {len(part)} numbers of {name}, and this one {target.size}: "
                     "go on with the same scene, supports, elements and solver"
                 )
-            target.flat[:] = self.parts[name]
-        for name in NUMBERS:
-            plant[name] = type(plant[name])(self.parts[name][0])
+            target.flat[:] = part
+        for name, (number,) in numbers.items():
+            plant[name] = type(plant[name])(number)
 
 
-def kept(engine: Any, plant: Table, **own: Array) -> dict[str, str]:
+def kept(engine: Any, plant: Table, **own: Array) -> dict[str, Any]:
     """What `Start` puts back, as texts."""
     parts = {**{name: plant[name] for name in ARRAYS}, **own, **{name: [plant[name]] for name in NUMBERS}}
-    coded = {name: base64.b64encode(np.array(part, float).tobytes()).decode() for name, part in parts.items()}
-    return {"engine": _kind(engine), **coded}
+    return texts_of(_kind(engine), parts)
 
 
 def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
@@ -72,13 +73,13 @@ def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
             f"the run of {run.engine} ({run.status.value}) cannot be gone on from: MuJoCo, and RK4 of DAE and ODE, "
             "keep the state of their end, without locate_slack, accuracy, or many runs at once"
         )
+    parts = parts_of(end, "the run to go on from")
     if end["engine"] != _kind(engine) or getattr(engine, "locate_slack", False):
         raise OptionError(f"engine = {engine}: the run to go on from is of {run.engine}: use that engine")
     while law is not None:
         if isinstance(law, Delayed):
             raise OptionError("the law Delayed keeps what it measured before, which no run records: leave it out")
         law = getattr(law, "law", None)
-    parts = {name: np.frombuffer(base64.b64decode(text)) for name, text in end.items() if name != "engine"}
     return Start(float(run.time[-1]), parts)
 
 

@@ -11,6 +11,8 @@ from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
     BREAKS,
     CLASS_K,
+    CLOSED_LOOPS,
+    CONSTRAINTS,
     ELASTIC,
     ELEMENT_STATES,
     MOVED_SUPPORTS,
@@ -34,6 +36,7 @@ _STATES_AT_REST = Limit(
     "the states of elements are not solved for",
     "replace the element by one without a state whose forces are those at rest, or let a damped run come to rest",
 )
+_OWN_STARTS = "leave start out, and vary numbers of the scene by draws"
 # What functions cannot do, whichever the engine.
 USES: Mapping[str, tuple[Limit, ...]] = {
     "linearize": (Limit(MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
@@ -48,6 +51,10 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
+    ),
+    "random starts": (
+        Limit(CLOSED_LOOPS, "a start by chance would tear the loop open", _OWN_STARTS, OptionError),
+        Limit(CONSTRAINTS, "a start by chance would not keep it", _OWN_STARTS, OptionError),
     ),
     "MuJoCo's model": ELASTIC_LIMITS,
     "dm_control models": (

@@ -20,6 +20,7 @@ from tensegrity_mj.basics.files import path_of
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.ends import parts_of
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
 from tensegrity_mj.runs.variables import (
     DICTIONARIES,
@@ -137,6 +138,8 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
         if not isinstance(value, dict):
             raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
     _check_words(str(path), extra)
+    if (end := extra["provenance"].get("end")) is not None:
+        parts_of(end, str(path))
     _check_values(str(path), arrays)
     return {"scene": scene, **arrays, "status": status, "message": texts["message"], "engine": texts["engine"], **extra}
 

@@ -8,15 +8,17 @@ import tomllib
 from collections.abc import Iterator
 from functools import reduce
 from importlib import import_module
-from itertools import pairwise
+from importlib.metadata import packages_distributions
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import tensegrity_mj as tmj
-from tensegrity_mj.basics.dependencies import of_extra
+from tensegrity_mj.basics.dependencies import distribution_of, of_extra
 from tensegrity_mj.cli import build_parser, main
 from tensegrity_mj.commands.doctor import CHECKS, EXTRAS, check_extras
 
@@ -99,6 +101,30 @@ def test_extras_are_installed_by_the_names_of_their_packages() -> None:
         wanted = {str(Requirement(line)) for line in given[extra]}
         assert {str(Requirement(one)) for one in re.findall(r'"([^"]+)"', command)} == wanted
     assert of_extra("no such extra") == "'.[no such extra]'"  # as in sources that were never installed
+
+
+def test_modules_are_installed_by_the_names_of_their_distributions(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = (lines for extra, lines in project["optional-dependencies"].items() if extra not in ("dev", "docs"))
+    wanted = {canonicalize_name(Requirement(line).name) for line in [*project["dependencies"], *chain(*extras)]}
+    homes = {name: set(map(canonicalize_name, own)) for name, own in packages_distributions().items()}
+    beside = {"attr", "mpl_toolkits", "pylab"}  # second names, which nothing here imports
+    modules = [name for name, own in homes.items() if own & wanted and name[0] != "_" and name not in beside]
+    assert {"OpenGL", "PIL", "yaml", "imageio_ffmpeg", "numpy"} <= set(modules)
+    for name in modules:
+        assert canonicalize_name(distribution_of(name)) in homes[name], name
+        assert distribution_of(f"{name}.part") == distribution_of(name)
+    assert distribution_of("mujoco.mjx._src") == "mujoco-mjx"
+    assert distribution_of("treelib") == "treelib"
+
+    def fail(options: Any) -> None:
+        raise ModuleNotFoundError("No module named 'OpenGL'", name="OpenGL")
+
+    monkeypatch.setattr("tensegrity_mj.commands.scenes.execute", fail)
+    assert main(["scenes"]) == 5
+    assert "'OpenGL' is missing: install it with python -m pip install PyOpenGL\n" in capsys.readouterr().err
 
 
 def test_the_doctor_looks_at_the_packages_of_extras(monkeypatch: pytest.MonkeyPatch) -> None:

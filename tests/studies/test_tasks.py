@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
+from linked_scenes import random_tree
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Replay
+from tensegrity_mj.engines.mujoco.contact import bodies_of, spins
+from tensegrity_mj.engines.mujoco.prepared import prepared, within
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies import Choice, Draw, Uniform
 from tensegrity_mj.studies.tasks import Goal, RandomStart, Task, World, gait, measured_error, task_of
 from tensegrity_mj.studies.tasks.robots import TASKS
+from tensegrity_mj.studies.tasks.starts import displace, node_states
 
 ONE = np.zeros(1, np.int64)
 
@@ -229,6 +234,50 @@ def test_random_starts_are_as_near_as_they_say() -> None:
         assert 0.5 * most < largest < (np.sqrt(3) + np.sqrt(3)) * most
     lengths = [np.linalg.norm(one[0] - one[1] - [0, 0, 1]) for one in moved]
     np.testing.assert_allclose(lengths, 1.0, rtol=0, atol=1e-12)  # a rod keeps its length
+
+
+def test_rods_that_hang_on_others_start_without_spin_where_they_were_drawn() -> None:
+    """Nodes and their velocities are those of the draw in joints, but for roundings: a sum of 3 x 3 products along a
+    chain of R rods within 3 m, at 5 m/s and 5 rad/s at most: 16 R eps times these."""
+    rods, speed = 6, 0.5
+    scene = random_tree(np.random.default_rng(3), rods, planar=False)
+    ready = within(prepared(scene, 1e-3, "rk4"))
+    model, data = ready.model, ready.data
+    bodies = bodies_of(scene.structure.rods, model)
+    sites = [model.site(name).id for name in scene.structure.node_names]
+
+    def axial() -> tuple[Any, Any, Any]:
+        nodes, velocities = node_states(model, data, sites)
+        ends = nodes[scene.structure.rod_nodes]
+        axes = (ends[:, 1] - ends[:, 0]) / scene.structure.rod_lengths[:, None]
+        return nodes, velocities, np.sum(data.cvel[bodies, :3] * axes, axis=1)
+
+    mujoco.mj_resetData(model, data)
+    drawn = np.random.default_rng(1).uniform(-1, 1, (2, model.nv))
+    drawn[:, spins(scene.structure, model)] = 0.0
+    mujoco.mj_integratePos(model, data.qpos, 0.1 * drawn[0], 1.0)
+    data.qvel[:] = ready.velocities + speed * drawn[1]
+    nodes, velocities, before = axial()
+    assert np.abs(before).max() > 0.1 * speed  # rods turn with those on which they hang
+
+    mujoco.mj_resetData(model, data)
+    data.qvel[:] = ready.velocities
+    displace(model, data, scene, RandomStart(0.1, speed), np.random.default_rng(1))
+    found = axial()
+    assert max(np.abs(nodes).max(), np.abs(velocities).max() / 5, np.abs(data.cvel[bodies, :3]).max() / 5) < 3
+    bound = 16 * rods * np.finfo(float).eps * 5 * 3
+    np.testing.assert_allclose(found[0], nodes, rtol=0, atol=bound)
+    np.testing.assert_allclose(found[1], velocities, rtol=0, atol=bound)
+    np.testing.assert_allclose(found[2], 0.0, rtol=0, atol=bound)
+
+
+def test_starts_by_chance_tear_no_loop_open() -> None:
+    for name, message in (("truss_arm", "rods close a loop at node 't1'"), ("ladder", "holds nodes")):
+        scene = tmj.load_scene(name)
+        task = Task(scene, rising, 0.5, 2.5, ("nodes",), start=RandomStart(seed=3))  # type: ignore[arg-type]
+        for start in (RandomStart(displacement=0.01), RandomStart(speed=0.01)):
+            with pytest.raises(OptionError, match=f"random starts: .*{message}"):
+                replace(task, start=start)
 
 
 def test_limits_of_winches_are_kept() -> None:

@@ -21,6 +21,7 @@ from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.rods import centre_of_mass
@@ -138,6 +139,8 @@ class Task:
         if self.goal is not None and not self.goal.nodes:
             raise refused(self, "goal: nodes = (); name at least one node")
         substeps(self.period, self.engine.timestep)
+        if self.start is not None and (self.start.displacement or self.start.speed):
+            require(None, self.scene, "random starts")
 
     def observe(self, state: State) -> dict[str, Array]:
         """What is observed, (n, ...) each, by its name."""
