@@ -51,9 +51,8 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.assembled_chart import chart_of
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, reach_of, settled
 from tensegrity_mj.linearization.element_states import ElementStates
-from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
-from tensegrity_mj.linearization.strings import KeptStrings
+from tensegrity_mj.linearization.strings import KeptStrings, SetRestLengths
 from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.elements.element import state_names
 from tensegrity_mj.model.scene import Scene

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.strings import StringLaw as StringLaw
     from tensegrity_mj.model.structure import Structure as Structure
     from tensegrity_mj.model.target import Target as Target
-    from tensegrity_mj.model.text.records import load_ground as load_ground
+    from tensegrity_mj.model.text.reading import load_ground as load_ground
     from tensegrity_mj.model.text.schema import format_schema as format_schema
     from tensegrity_mj.model.text.writing import save_scene as save_scene
     from tensegrity_mj.model.text.writing import save_structure as save_structure

@@ -325,7 +325,7 @@ def test_an_interrupt_leaves_no_half_file(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tensegrity_mj.statics.figures.modes_figure", interrupted)
+    monkeypatch.setattr("tensegrity_mj.statics.page.modes_figure", interrupted)
     answer = ask(capsys, "prism", "--out", tmp_path / "out", "--save-scene", tmp_path / "s.toml", code=130)
     assert answer["status"] == "interrupted"
     assert [path.name for path in (tmp_path / "out").iterdir()] == [DATA]

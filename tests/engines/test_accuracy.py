@@ -18,8 +18,8 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along, rates_at_start, string_rates
 from tensegrity_mj.engines.accuracy.steps import Steps, common_divisor
-from tensegrity_mj.engines.mujoco.accuracy import LOOP_ORDER, ORDER
-from tensegrity_mj.engines.reference.accuracy import RK4_ORDER
+from tensegrity_mj.engines.mujoco.engine import LOOP_ORDER, ORDER
+from tensegrity_mj.engines.reference.engine import RK4_ORDER
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.runs.convergence import node_difference
 

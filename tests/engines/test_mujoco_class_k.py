@@ -26,7 +26,7 @@ from nodal import solve
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.accelerations import node_accelerations
+from tensegrity_mj.engines.mujoco.engine import node_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
 from tensegrity_mj.engines.mujoco.prepared import prepared_with, within

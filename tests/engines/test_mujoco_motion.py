@@ -17,7 +17,7 @@ from nodal import solve
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.accelerations import node_accelerations
+from tensegrity_mj.engines.mujoco.engine import node_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE
 from tensegrity_mj.engines.mujoco.mjcf_tree import moved_directions

@@ -15,8 +15,8 @@ from linked_scenes import four_bar, random_tree
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco import places as mujoco_places
 from tensegrity_mj.engines.mujoco import prepared
+from tensegrity_mj.engines.mujoco import prepared as mujoco_prepared
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree
@@ -223,7 +223,7 @@ def test_what_a_compiler_moves_is_refused_by_name(kind: str, monkeypatch: pytest
     for module in ("mjcf_bodies", "mjcf"):
         monkeypatch.setattr(f"tensegrity_mj.engines.mujoco.{module}.must_turn", lambda *_: False)
     if kind == "body":  # of centers of mass alone
-        monkeypatch.setattr(mujoco_places, "_compare", _without_nodes(mujoco_places._compare))
+        monkeypatch.setattr(mujoco_prepared, "_compare", _without_nodes(mujoco_prepared._compare))
     complaint = (
         "node 'o' is 8e-07 m off" if kind == "site" else "center of mass of rod 'held near its middle' is 4e-07 m off"
     )
@@ -241,10 +241,10 @@ def test_a_moved_capsule_or_a_joined_end_is_refused_too() -> None:
     model = tmj.MuJoCo().model(scene)
     model.geom_pos[model.geom("free").id, 2] += 1e-9
     with pytest.raises(StructureError, match="capsule of rod 'free' is 1e-09 m off"):
-        mujoco_places.check_places(scene, model)
+        mujoco_prepared.check_places(scene, model)
     loop = four_bar(planar=True)
     model = tmj.MuJoCo().model(loop)
     end = Names(loop, body_tree(loop)).ends[0]
     model.site_pos[model.site(end).id, 2] += 1e-9  # along a rod that does not stand upright
     with pytest.raises(StructureError, match=f"end '{end}' is 9.94e-10 m off"):
-        mujoco_places.check_places(loop, model)
+        mujoco_prepared.check_places(loop, model)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.jax.curves import Curves
+from tensegrity_mj.engines.jax.strings import Curves
 
 POINTS = ((0.1, 10.0), (0.2, 40.0), (0.3, 40.0), (0.5, 60.0))
 LEVEL = ((0.2, 30.0), (0.6, 30.0))  # stays level for ever

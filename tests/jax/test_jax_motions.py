@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.jax.motions import displacements
+from tensegrity_mj.engines.jax.system import displacements
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model import Ground, Motion
 from tensegrity_mj.model.motion import Harmonic

@@ -19,7 +19,7 @@ from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.text import parsing
+from tensegrity_mj.model.text import reading
 from tensegrity_mj.model.text.keys import MOST_BYTES, MOST_DEPTH
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import save_scene
@@ -107,7 +107,7 @@ def test_what_is_no_path(path: object) -> None:
     ids=["key", "header", "inline", "quoted", "many"],
 )
 def test_dotted_keys_of_many_parts_are_refused_unread(bomb: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parsing.tomllib, "loads", lambda text: pytest.fail("the parser was called"))
+    monkeypatch.setattr(reading.tomllib, "loads", lambda text: pytest.fail("the parser was called"))
     with pytest.raises(FormatError, match=f"has more than {MOST_DEPTH} parts"):
         scene_from_toml(f"format = 1\n{bomb}\n")
 
@@ -132,9 +132,9 @@ def test_dots_in_texts_and_comments_are_no_keys(text: str) -> None:
 @pytest.mark.parametrize("parts", [2, 3, MOST_DEPTH])
 def test_keys_that_are_allowed_reach_the_parser(parts: int) -> None:
     text = ".".join("a" * parts) + " = 1"
-    assert parsing.parse(text, "text") == tomllib.loads(text)
+    assert reading.parse(text, "text") == tomllib.loads(text)
     with pytest.raises(FormatError, match="parts"):
-        parsing.parse("x." * MOST_DEPTH + "x = 1", "text")
+        reading.parse("x." * MOST_DEPTH + "x = 1", "text")
 
 
 @pytest.mark.parametrize("depth", [MOST_DEPTH + 1, 100, 400, 5000])

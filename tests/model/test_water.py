@@ -15,7 +15,7 @@ from tensegrity_mj.commands.scenes import describe
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.engines.mujoco import accelerations as mujoco_accelerations
+from tensegrity_mj.engines.mujoco import engine as mujoco_engine
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import place as mujoco_accelerations_place
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
@@ -406,7 +406,7 @@ def test_a_spin_about_the_axis_that_mujoco_could_have_does_not_matter(monkeypatc
 
     scene = one((1, 0, 0), turn=[[0, -1.0, 2.0], [0, 1.0, -2.0]])
     reference = accelerations(scene, tmj.MuJoCo())
-    monkeypatch.setattr(mujoco_accelerations, "place", spinning)
+    monkeypatch.setattr(mujoco_engine, "place", spinning)
     rate = 2 * math.sqrt(5) / LENGTH
     assert np.max(np.abs(accelerations(scene, tmj.MuJoCo()) - reference)) < 1e-4 * 7.0 * rate * LENGTH
 

@@ -20,7 +20,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import plots
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.statics import figures as static_figures
+from tensegrity_mj.statics import page as static_page
 from tensegrity_mj.studies.page import figures as sweep_figures
 from tensegrity_mj.studies.table import Row
 
@@ -90,9 +90,9 @@ def test_a_rod_among_several_and_point_masses() -> None:
 def test_statics(evil: str) -> None:
     scene = named(tmj.load_scene("truss_arm(cells=2)"), evil)
     study = statics.analyse(scene, loads={f"{evil}t2": (0.0, 0.0, -20.0)}, path=True, points=5, modes=2)
-    check(static_figures.members_figure(study.state))
-    check(static_figures.response_figure(study.response))
-    check(static_figures.modes_figure(study.modes), expected=False)
+    check(static_page.members_figure(study.state))
+    check(static_page.response_figure(study.response))
+    check(static_page.modes_figure(study.modes), expected=False)
 
 
 @pytest.mark.parametrize("evil", NAMES)

@@ -11,10 +11,9 @@ from modal_superposition import response
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start, cable, refined
-from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude
+from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude, whirl
 from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.spectrum import Peak, PeakCriteria, Spectrum, peaks_of, picked, spectrum
-from tensegrity_mj.studies.cable.whirling import whirl
 
 T = np.arange(0.0, 45.0 + 1e-9, 0.02)
 

@@ -18,11 +18,10 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start, cable, refined
 from tensegrity_mj.model.elements.resistance import Bending, Resistance, resisting_forces
-from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude
+from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude, whirl
 from tensegrity_mj.studies.cable.cases import Case, default_step, fastest, run_cases, simulated
 from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.steps import find_step, steps_within
-from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.workers import Backend, Workers
 
 HERE = Workers(backend=Backend.THIS_PROCESS)

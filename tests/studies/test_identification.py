@@ -26,7 +26,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.errors import IdentificationWarning, OptionError
 from tensegrity_mj.runs import Table
 from tensegrity_mj.studies import FitOptions, Parameter, identify, measured
-from tensegrity_mj.studies.identification import page, predictions, statistics
+from tensegrity_mj.studies.identification import fitting, predictions, result
 from tensegrity_mj.studies.identification.fitting import Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.predictions import predictions_of
@@ -183,15 +183,15 @@ def test_residuals_that_are_not_white_are_found() -> None:
     rng = np.random.default_rng(4)
     white = rng.standard_normal(200)
     rho = [np.sum(white[k:] * white[: 200 - k]) / np.sum(white**2) for k in range(1, 11)]
-    found = statistics.whiteness([white])
+    found = fitting.whiteness([white])
     assert found["statistic"] == pytest.approx(200 * 202 * sum(r * r / (200 - k) for k, r in enumerate(rho, 1)))
     assert found["p_value"] == pytest.approx(stats.chi2.sf(found["statistic"], 10))
     assert found["p_value"] > 0.01
     assert found["autocorrelation"] == pytest.approx(rho)
     for n in range(1, 200):
         white[n] += 0.5 * white[n - 1]
-    assert statistics.whiteness([white])["p_value"] < 1e-6
-    assert statistics.whiteness([np.zeros(200), white[:10]])["p_value"] is None
+    assert fitting.whiteness([white])["p_value"] < 1e-6
+    assert fitting.whiteness([np.zeros(200), white[:10]])["p_value"] is None
 
 
 def between_walls(damping: float = 0.3) -> tmj.Scene:
@@ -422,7 +422,7 @@ def test_verdicts_are_good_where_both_tails_and_the_run_are() -> None:
     data |= {"whiteness": {"p_value": 0.5, "lags": 2}}
 
     def marks(**changes: Any) -> list[str]:
-        return [mark.value for mark, _ in page.verdicts(data | changes)]
+        return [mark.value for mark, _ in result.verdicts(data | changes)]
 
     assert marks() == ["good", "good", "good"]
     # A fit without residuals shows noise that was given too large, or a run that was compared with itself.
@@ -430,7 +430,7 @@ def test_verdicts_are_good_where_both_tails_and_the_run_are() -> None:
     assert marks(p_value=1e-3)[1] == "limited"
     assert marks(doubts=["the energy balance is off"])[0] == "limited"
     assert marks(converged=False)[0] == "bad"
-    assert {one.mark.value for one in page.judgement_of(data | {"converged": False}).findings} == {"limited"}
+    assert {one.mark.value for one in result.judgement_of(data | {"converged": False}).findings} == {"limited"}
     # Nothing was given to hold an estimated noise against.
     assert marks(p_value=None, estimated_noise=0.3)[1] == "not judged"
 

@@ -32,7 +32,7 @@ TOLERANCES = 30.0  # the same of tolerances
 STRIKES = 5  # differences in a row that do not settle, until a ladder is given up
 FAILURES = 10  # runs in a row that diverge
 LEAST_TOLERANCE = 3e-14
-ATOL = 1e-2  # of rtol
+ATOL_OF_RTOL = 1e-2  # of rtol
 AS_ONE = 1e-9  # relative, of steps
 FIRST_STEP = "first_step_error"  # in a run's reports [m]: what its first step is wrong by, where differences hide it
 
@@ -119,7 +119,7 @@ class Ladder:
     def words(self, setting: float) -> dict[str, Any]:
         """An engine's options that a setting stands for, for reports."""
         if not self.order:
-            return {"rtol": setting, "atol": ATOL * setting}
+            return {"rtol": setting, "atol": ATOL_OF_RTOL * setting}
         return {"timestep": setting, **({"locate_slack": True} if self.located else {})}
 
     def climb(self, setting: float) -> Rung:

@@ -1,7 +1,8 @@
-"""A run as an array function of its parameters, and as a trajectory."""
+"""A run as an array function of its parameters, and as a trajectory; laws that depend on time alone."""
 
 from __future__ import annotations
 
+import pkgutil
 import sys
 import threading
 import time
@@ -16,16 +17,19 @@ import numpy as np
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, instance
+from tensegrity_mj.dynamics.native.law import Command, Report
 from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress
+from tensegrity_mj.engines.jax.arrays import ArrayLaw, lifted, times
 from tensegrity_mj.engines.jax.effects import array_effects
 from tensegrity_mj.engines.jax.integrate import TO_THE_END, ControlledSteps, FixedSteps
-from tensegrity_mj.engines.jax.laws import array_law
 from tensegrity_mj.engines.jax.model import VOID, WORKS, Held, Model, Observed, Prepared, State
 from tensegrity_mj.engines.jax.recording import trajectory_of
+from tensegrity_mj.engines.jax.strings import Strings
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.capabilities import require_rest_lengths
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -218,3 +222,63 @@ def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any
         return jax.jit(function).lower(*arguments).compile()
     finally:
         timer.cancel()
+
+
+def array_law(law: Any, structure: Structure) -> ArrayLaw:
+    """The array function of a law for the strings of a structure; where some of them are ropes, for their parts.
+
+    Args:
+        law: one whose attribute `arrays` is "module:function", of a function (law, structure) -> ArrayLaw.
+
+    Where a law has no admissible command, its report's feasibility margin is zero or less, and its command void.
+
+    Raises:
+        OptionError: for a law without an array function.
+        ElementError: where it accounts for an element that has none.
+    """
+    place = getattr(law, "arrays", "")
+    if not place:
+        raise OptionError(
+            f"law {getattr(law, '__name__', type(law).__name__)} has no array function: state it in jax.numpy as "
+            "engines.ArrayPolicy(function, parameters) (docs/own-law.md), or take another engine"
+        )
+    try:
+        make = pkgutil.resolve_name(place)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise OptionError(
+            f"{law!r}.arrays = {place!r} cannot be imported ({error}); it must be 'module:function'"
+        ) from error
+    found: ArrayLaw = make(law, structure.massless)
+    return _spread(found, structure) if structure.ropes else found
+
+
+def cubic_law(law: Any, structure: Structure) -> ArrayLaw:
+    """A program or a recording, of no state; its parameter `coefficients` (T, M, 4) is that of its `Cubics`."""
+    moments, last = jnp.asarray(law.times), len(law.coefficients) - 1
+
+    def of(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        # A hair beyond a time counts as at it: samples and times differ by round-off.
+        k = jnp.clip(jnp.searchsorted(moments, t + 1e-9 * (moments[1] - moments[0]), side="right") - 1, 0, last)
+        since = jnp.clip(t, moments[0], moments[-1]) - moments[k]
+        value = jnp.tensordot(p["coefficients"][k], since ** jnp.arange(3.0, -1.0, -1.0), ((1,), (0,)))
+        batch = x.shape[2:]
+        return lifted(value, x[:, 0]) + jnp.zeros(batch), jnp.full((len(Report), *batch), jnp.nan)
+
+    return ArrayLaw({"coefficients": np.array(law.coefficients)}, of, law.command is Command.REST_LENGTH)
+
+
+def _spread(law: ArrayLaw, structure: Structure) -> ArrayLaw:
+    """Rest lengths of the parts of ropes, which the law knows as massless strings: their shares of L (1 - u/k)."""
+    light = structure.massless
+    shares = {rope.string.name: np.array(rope.shares) for rope in structure.ropes}
+    parts = [shares.get(string.name, np.ones(1)) for string in light.strings]
+    owns = np.repeat(np.eye(len(parts)), [len(part) for part in parts], axis=1)
+    count, strings, compliance = len(light.nodes), Strings(structure, 0.0), 1.0 / light.stiffness
+
+    def command(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
+        rest, report = law.command(p, t, x[:count], v[:count])
+        if not law.returns_lengths:
+            rest = times(owns, strings.measure(x, v)[0]) * (1.0 - rest * lifted(compliance, rest))
+        return times((owns * np.concatenate(parts)).T, rest), report
+
+    return ArrayLaw(law.parameters, command, returns_lengths=True)

@@ -25,10 +25,9 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies.cable.amplitude import response_amplitude
+from tensegrity_mj.studies.cable.amplitude import response_amplitude, whirl
 from tensegrity_mj.studies.cable.chain import DIRECTION, Chain
 from tensegrity_mj.studies.cable.spectrum import spectrum
-from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.known_elements import scene_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_study

@@ -30,15 +30,8 @@ from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.studies.extremes import laws, members, surroundings
-from tensegrity_mj.studies.extremes.experiment import (
-    COLLAPSE,
-    Experiment,
-    Rng,
-    direction,
-    maybe_driven,
-    ordinary,
-)
+from tensegrity_mj.studies.extremes import draws, laws
+from tensegrity_mj.studies.extremes.experiment import COLLAPSE, Experiment, Rng, direction, maybe_driven, ordinary
 
 
 def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
@@ -53,7 +46,7 @@ def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
     )
 
 
-def _with_member(add: Callable[[Rng], members.Drawn], rng: Rng) -> Experiment:
+def _with_member(add: Callable[[Rng], draws.Drawn], rng: Rng) -> Experiment:
     structure, facts = add(rng)
     return maybe_driven(rng, _scene(rng, structure), facts)
 
@@ -279,8 +272,8 @@ def _past_limit(rng: Rng) -> Experiment:
 
 
 def _member_past_limit(rng: Rng) -> Experiment:
-    draws = (members.threaded, members.massive, members.elastic, members.curved, members.body, members.constrained)
-    structure, facts = (*draws, members.carried)[int(rng.integers(7))](rng)
+    light = (draws.threaded, draws.massive, draws.elastic, draws.curved, draws.body, draws.constrained)
+    structure, facts = (*light, draws.carried)[int(rng.integers(7))](rng)
     excess = log_uniform(rng, 0.5, 100.0)
     facts |= {"step over limit": excess}
     return Experiment(_scene(rng, structure), excess=excess, engines=FIXED_STEP, facts=facts)
@@ -340,17 +333,17 @@ class Kind(enum.Enum):
     INFEASIBLE = ("infeasible targets", _infeasible)
     PAST_LIMIT = ("steps near and past the stability limit", _past_limit)
     SPIN = ("free flight with spin", _spin)
-    THREADED = ("strings over pulleys", partial(_with_member, members.threaded))
-    MASSIVE = ("strings with mass", partial(_with_member, members.massive))
-    JOINED = ("rods that share nodes: trees and loops", surroundings.joined)
-    MOVED = ("supports that move", surroundings.moved)
-    RESISTED = ("fluid, bending joints and wind", surroundings.resisted)
-    CONTACT = ("landings on a floor", surroundings.contact)
-    ELASTIC = ("elastic rods", partial(_with_member, members.elastic))
-    CURVED = ("tension curves, yields and constant forces", partial(_with_member, members.curved))
-    BODY = ("rigid bodies", partial(_with_member, members.body))
-    CONSTRAINED = ("linear constraints on nodes", partial(_with_member, members.constrained))
-    CARRIED = ("masses on rods and dampers on nodes", partial(_with_member, members.carried))
+    THREADED = ("strings over pulleys", partial(_with_member, draws.threaded))
+    MASSIVE = ("strings with mass", partial(_with_member, draws.massive))
+    JOINED = ("rods that share nodes: trees and loops", draws.joined)
+    MOVED = ("supports that move", draws.moved)
+    RESISTED = ("fluid, bending joints and wind", draws.resisted)
+    CONTACT = ("landings on a floor", draws.contact)
+    ELASTIC = ("elastic rods", partial(_with_member, draws.elastic))
+    CURVED = ("tension curves, yields and constant forces", partial(_with_member, draws.curved))
+    BODY = ("rigid bodies", partial(_with_member, draws.body))
+    CONSTRAINED = ("linear constraints on nodes", partial(_with_member, draws.constrained))
+    CARRIED = ("masses on rods and dampers on nodes", partial(_with_member, draws.carried))
     MEMBER_PAST_LIMIT = ("steps near and past the limit, of all these members", _member_past_limit)
     LARGE = ("500 rods", _large)
     LONG = ("1e6 steps", _long)
