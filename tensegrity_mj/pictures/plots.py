@@ -50,6 +50,7 @@ from tensegrity_mj.pictures.run_panels import (
     over_time,
     rest_lengths,
     rows_of_panels,
+    share_scales,
     target_nodes,
     tensions,
 )
@@ -228,6 +229,7 @@ def _in_rows(
     for run, row in zip(all_runs, panels, strict=True):
         for one, panel in zip(draw, row, strict=True):
             one(panel, run)
+    share_scales(panels)
     return saved(figure, path)
 
 

@@ -134,10 +134,7 @@ def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:
 
 
 def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, Any]:
-    """Three panels in a row for each run, or four in two; in a paper's column all below one another.
-
-    Panels of a kind share their scales.
-    """
+    """Three panels in a row for each run, or four in two; in a paper's column all below one another."""
     columns = beside(2 if count == 4 else 3)
     lines = count // columns
     # A legend below a panel takes about a quarter of its height; several above one another are flatter.
@@ -145,10 +142,6 @@ def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, 
     figure = new_figure(columns * COLUMN, (tall + 0.45) * len(runs) + 0.45)
     rows = np.atleast_1d(np.asarray(figure.subfigures(len(runs), 1), dtype=object))
     panels = [row.subplots(lines, columns).ravel() for row in rows]
-    for column in range(count):
-        for other in panels[1:]:
-            other[column].sharex(panels[0][column])
-            other[column].sharey(panels[0][column])
     for row, run in zip(rows, runs, strict=True):
         note = "" if run.status.value == "completed" else f" ({run.status.value})"
         name = figure_text(run.scene.name)
@@ -156,6 +149,19 @@ def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, 
     for panel in panels[-1]:
         panel.set_xlabel("time [s]", fontsize=9)
     return figure, panels
+
+
+def share_scales(panels: Sequence[Any]) -> None:
+    """Give panels of a kind, in rows as of `rows_of_panels`, the same scales: of forces none that shows speeds."""
+    from tensegrity_mj.pictures.ticks import prefix_ticks
+
+    for first, *others in zip(*panels, strict=True):
+        for other in others:
+            other.sharex(first)
+            if other.get_ylabel() == first.get_ylabel():
+                other.sharey(first)
+                prefix_ticks(other)
+        first.autoscale_view()
 
 
 def listed(runs: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.ticker import Formatter, FuncFormatter, NullFormatter, NullLocator, ScalarFormatter
+from matplotlib.ticker import Formatter, LogFormatterSciNotation, NullLocator, ScalarFormatter
 
 from tensegrity_mj.basics.units import power_of, unit_with
 
@@ -22,13 +22,18 @@ UNIT = re.compile(r"\[([^\[\]]+)\]$")
 class Prefixed(Formatter):
     """Ticks of a linear axis whose label ends in a unit; the unit gets the prefix that the axis' numbers want.
 
-    Which one is known only when the figure is laid out: axes that share their scale may still grow.
+    Which one is known only when the figure is laid out: axes that share their scale, and with it this object, may
+    still grow.
     """
 
-    def __init__(self, label: Any, unit: str) -> None:
-        self._label, self._text = label, label.get_text()
+    def __init__(self, unit: str) -> None:
+        self._labels: dict[Any, str] = {}  # of all axes that share the scale, and their texts without a prefix
         self.unit = unit
         self.power: int | None = None  # of the page; by default the axis' own
+
+    def add(self, label: Any) -> None:
+        """Give this axis' label the prefix, too."""
+        self._labels.setdefault(label, label.get_text())
 
     def __call__(self, value: float, pos: int | None = None) -> str:
         del pos
@@ -44,7 +49,8 @@ class Prefixed(Formatter):
         low, high = sorted(self.axis.get_view_interval())  # type: ignore[union-attr]
         seen = [v for v in values if low <= v <= high] or list(values)
         power = power_of(max(map(abs, seen), default=0.0), self.unit) if self.power is None else self.power
-        self._label.set_text(UNIT.sub(f"[{unit_with(power, self.unit)}]", self._text))
+        for label, text in self._labels.items():
+            label.set_text(UNIT.sub(f"[{unit_with(power, self.unit)}]", text))
         scaled = [float(v) / 10.0**power for v in values]
         step = min((b - a for a, b in itertools.pairwise(scaled) if b > a), default=1.0)
         digits = next((d for d in range(8) if all(abs(round(v, d) - v) <= 1e-6 * step for v in scaled)), 8)
@@ -61,23 +67,32 @@ def prefix_ticks(panel: Axes) -> None:
     """Write linear axes whose labels end in a unit in brackets with its prefix, and short logarithmic ones in full."""
     for axis in (panel.xaxis, panel.yaxis):
         if axis.get_scale() == "log":
-            _write_out(axis)
+            axis.set_major_formatter(Written(minor=False))
+            axis.set_minor_formatter(Written(minor=True))
+            low, high = axis.get_view_interval()
+            if high > 10.0**MOST_DECADES * low:  # marks within decades run together, and take most of a figure's time
+                axis.set_minor_locator(NullLocator())
         found = UNIT.search(axis.label.get_text())
         if found and isinstance(axis.get_major_formatter(), ScalarFormatter) and axis.get_scale() == "linear":
-            axis.set_major_formatter(Prefixed(axis.label, found.group(1)))
+            axis.set_major_formatter(Prefixed(found.group(1)))
+        if found and isinstance(one := axis.get_major_formatter(), Prefixed):
+            one.add(axis.label)
 
 
-def _write_out(axis: Any) -> None:
+class Written(LogFormatterSciNotation):
     """Numbers of a logarithmic axis in full, 1.4 and not 1.4 x 10^0, where it spans less than two decades near 1.
 
-    Beyond `MOST_DECADES` it has no marks within decades: they run together, and take most of a figure's time.
+    Whether it does is known only when the figure is laid out: limits may still be set.
     """
-    low, high = axis.get_view_interval()
-    if high > 10.0**MOST_DECADES * low:
-        axis.set_minor_locator(NullLocator())
-    if low >= 1e-3 and high <= 1e4 and high < 100.0 * low:
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+    def __init__(self, minor: bool) -> None:
+        super().__init__()
+        self._minor = minor
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        low, high = sorted(self.axis.get_view_interval())  # type: ignore[union-attr]
+        if low < 1e-3 or high > 1e4 or high >= 100.0 * low:
+            return list(super().format_ticks(values))
         # Between 3 and 10 times the lowest, 6 to 9 stand too near one another.
-        written = "23456789" if high < 3.0 * low else "235"
-        few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in written else "")
-        axis.set_minor_formatter(few if high < 10.0 * low else NullFormatter())
+        few = "" if high >= 10.0 * low else "23456789" if high < 3.0 * low else "235"
+        return [f"{value:g}" if not self._minor or f"{value:e}"[0] in few else "" for value in values]

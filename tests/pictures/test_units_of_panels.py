@@ -13,6 +13,9 @@ from panels import base_of, check_one_prefix, check_panels, unit_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.model.members import PointMass
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import plots
 from tensegrity_mj.pictures.figure import frame, new_figure
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
@@ -112,3 +115,40 @@ def test_the_check_sees_what_it_is_for(label: str) -> None:
         base_of(unit_of(label))
     with pytest.raises(AssertionError):
         check_one_prefix({"N", "kN"})
+
+
+def test_panels_that_share_a_scale_share_its_prefix_and_those_of_other_units_do_not_share() -> None:
+    runs = [cone_run(), cone_run()]
+    for run, size in zip(runs, (0.02, 0.05), strict=True):
+        run.force_densities[:] = size * np.sin(run.time)[:, None]
+    figure = plots.plot_run(runs)
+    figure.draw_without_rendering()
+    for column in zip(*(row.axes for row in figure.subfigs), strict=True):
+        assert len({panel.get_ylabel() for panel in column}) == 1
+    one, other = (row.axes[1] for row in figure.subfigs)
+    assert other.get_ylabel() == "force density [mN/m]"
+    assert one.get_ylim() == other.get_ylim()
+    top = max(float(line.get_ydata().max()) for line in other.lines)
+    assert top < one.get_ylim()[1] < 1.1 * top  # the margin is 5 % of the range
+    loose = Structure("loose", {"p": (0.0, 0.0, 0.0)}, point_masses=(PointMass("p", 1.0),))
+    still = np.zeros((5, 1, 3))
+    mixed = plots.plot_motion([shaken(), run_of(Scene(loose), np.arange(5.0), still, still, np.zeros((5, 0)))])
+    mixed.draw_without_rendering()
+    pulls, speeds = (row.axes[1] for row in mixed.subfigs)
+    assert base_of(unit_of(pulls.get_ylabel())) == "N"
+    assert base_of(unit_of(speeds.get_ylabel())) == "m/s"
+
+
+@pytest.mark.parametrize(
+    ("top", "written"), [(0.6, {"0.2", "0.5"}), (8.0, {"0.1", "1"}), (30.0, {"$\\mathdefault{10^{1}}$"})]
+)
+def test_logarithmic_axes_write_numbers_in_full_by_the_limits_that_are_set_last(top: float, written: set[str]) -> None:
+    panel = new_figure(3.0, 2.0).subplots()
+    panel.loglog([0.1, 0.5], [1.0, 2.0])
+    frame(panel, "", "time [s]")
+    panel.set_xlim(0.09, top)
+    panel.figure.draw_without_rendering()
+    labels = [*panel.xaxis.get_ticklabels(), *panel.xaxis.get_ticklabels(minor=True)]
+    texts = {text.get_text() for text in labels} - {""}
+    assert written <= texts
+    assert top < 30 or not any(re.fullmatch("[.0-9]+", text) for text in texts)

@@ -193,7 +193,7 @@ def _lines(place: Axes, experiment: Data, own: float | None) -> None:
         place.text(
             0.985, floor["distance"], f"modelling floor {quantity(floor['distance'], 'm', 2)}", fontsize=6.5,
             color=palette.WARNING, va="bottom", ha="right", transform=place.get_yaxis_transform(),
-            bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}, zorder=5,
+            bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}, zorder=2.5,
             in_layout=False,
         )  # fmt: skip
     if own:
