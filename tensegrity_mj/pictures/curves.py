@@ -29,10 +29,17 @@ WIDTH = 1.2  # points
 DIGITS = 6  # in which members that are alike agree
 
 
-def draw_curves(panel: Axes, time: Array, values: Array, names: Sequence[str], groups: Sequence[Group] = ()) -> None:
-    """Draw values (T, n) of members over time, of more than eight by their groups, or the largest of them.
+def draw_curves(
+    panel: Axes,
+    time: Array,
+    values: Array,
+    names: Sequence[str],
+    groups: Sequence[Group] = (),
+    sizes: Array | None = None,
+) -> None:
+    """Draw values (T, n) of members over time, of more than eight by their groups, or the largest by `sizes` (T, n).
 
-    What is NaN leaves a gap.
+    `sizes` are the values themselves by default. What is NaN leaves a gap.
     """
     count = values.shape[1]
     if count > MAX_LEGEND and groups:
@@ -42,7 +49,7 @@ def draw_curves(panel: Axes, time: Array, values: Array, names: Sequence[str], g
             panel.plot(time, one.mean(axis=1), color=color, ls=style, lw=WIDTH, label=figure_text(label))
             panel.fill_between(time, one.min(axis=1), one.max(axis=1), color=color, alpha=0.2, lw=0.0)
         return
-    shown = largest(values, MAX_LEGEND)
+    shown = largest(values if sizes is None else sizes, MAX_LEGEND)
     rest = np.delete(values, shown, axis=1)
     for number, member in enumerate(shown):
         color, style = palette.look_of(number)

@@ -84,14 +84,12 @@ def frame(
     y: str = "",
     *,
     legend: bool = True,
-    below: bool = False,
     small: float = 0.0,
 ) -> None:
-    """Title, axes, grid and legend (where there are handles) in one style.
+    """Title, axes, grid and, below the panel where it hides no curve, the legend (where there are handles).
 
     Args:
         x, y: the axes' labels; the unit at the end, in brackets, gets the prefix that the numbers want.
-        below: whether the legend stands below the panel, where it hides no curve.
         small: points less for all texts.
     """
     from tensegrity_mj.pictures.ticks import prefix_ticks
@@ -111,12 +109,7 @@ def frame(
         side.set_linewidth(0.7)
     handles, labels = panel.get_legend_handles_labels()
     if handles and legend:
-        size = 7.5 - small
-        if below:
-            _legend_below(panel, handles, labels, size)
-        else:
-            columns = 2 if len(handles) > 4 else 1
-            panel.legend(handles, labels, fontsize=size, framealpha=0.75, edgecolor="none", ncols=columns)
+        _legend_below(panel, handles, labels, 7.5 - small)
 
 
 def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: float) -> None:
@@ -143,7 +136,8 @@ def common_legend(figure: Figure, panels: Iterable[Axes], most: int = 99, size: 
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             used.setdefault(label, handle)
     look: dict[str, Any] = {"ncols": min(most, len(used)), "fontsize": size, "frameon": False}
-    figure.legend(used.values(), used.keys(), loc="outside lower center", **look)
+    if used:
+        figure.legend(used.values(), used.keys(), loc="outside lower center", **look)
 
 
 def note(panel: Axes, text: str) -> None:

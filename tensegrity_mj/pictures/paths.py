@@ -10,7 +10,17 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, MAX_LEGEND, PathLike, equal_scales, frame, line_style, new_figure, saved
+from tensegrity_mj.pictures.figure import (
+    GREY,
+    MAX_LEGEND,
+    PathLike,
+    common_legend,
+    equal_scales,
+    frame,
+    line_style,
+    new_figure,
+    saved,
+)
 from tensegrity_mj.pictures.run_panels import listed, target_nodes
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -41,11 +51,10 @@ def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = 
     ends = ", ".join(dict.fromkeys(f"{run.time[-1]:g} s" for run in all_runs))
     title = f"{figure_text(all_runs[0].scene.name)}: paths of the nodes, rods at {ends}"
     if len(shown) == 2:
-        frame(panel, title, *(f"{'xyz'[axis]} [m]" for axis in shown), below=True)
+        frame(panel, title, *(f"{'xyz'[axis]} [m]" for axis in shown))
     else:
         panel.set_title(title, fontsize=10)
-        if panel.get_legend_handles_labels()[0]:
-            panel.legend(fontsize=8, frameon=False, loc="upper left")
+        common_legend(panel.figure, [panel])
     return saved(panel.figure, path)
 
 

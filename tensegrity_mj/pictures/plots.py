@@ -388,5 +388,4 @@ def _logarithmic(panel: Axes, curves: Sequence[_Curve]) -> None:
     # A single value near zero, where a difference changes sign, must not squeeze the rest.
     top = float(sizes.max())
     low = max(float(np.quantile(sizes, 0.02)) / 3.0, top * 1e-9)
-    room = 3.0 if len(curves) == 1 else 100.0  # for the legend
-    panel.set_ylim(min(low, top / 3.0), room * top)
+    panel.set_ylim(min(low, top / 3.0), 3.0 * top)

@@ -12,7 +12,7 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.curves import WIDTH, draw_curves, rod_groups, string_groups
+from tensegrity_mj.pictures.curves import DIGITS, WIDTH, draw_curves, rod_groups, string_groups
 from tensegrity_mj.pictures.figure import COLUMN, GREY, ROW, beside, frame, new_figure, note
 from tensegrity_mj.pictures.motion import down_of
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def over_time(panel: Axes, title: str, unit: str) -> None:
     """The frame of curves over time."""
-    frame(panel, title, y=unit, below=True)
+    frame(panel, title, y=unit)
     panel.margins(x=0.0)
     if not (panel.lines or panel.patches or panel.collections):
         note(panel, "nothing to show")
@@ -84,11 +84,18 @@ def tensions(panel: Axes, run: Trajectory) -> None:
 
 
 def rest_lengths(panel: Axes, run: Trajectory) -> None:
-    """Of the strings, as winches set them; alike ones together and those with mass as wholes."""
+    """Of the strings, as winches set them: of many the ones that change most; those with mass as wholes.
+
+    Alike ones are drawn together where they change together.
+    """
     structure = run.scene.structure
     names = [string.name for string in structure.given.strings]
     values = np.stack([run.rest_length(name) for name in names], axis=1) if names else run.rest_lengths
-    draw_curves(panel, run.time, values, names, [] if structure.ropes else string_groups(structure))
+    changes = values - values[:1]
+    groups = [] if structure.ropes else string_groups(structure)
+    apart = max((float(np.ptp(changes[:, rows], axis=1).max(initial=0.0)) for _, rows in groups), default=0.0)
+    together = apart <= 10.0**-DIGITS * np.abs(values).max(initial=0.0)
+    draw_curves(panel, run.time, values, names, groups if together else [], changes)
     over_time(panel, "Rest length of the strings", "rest length [m]")
 
 

@@ -89,7 +89,7 @@ class Written(LogFormatterSciNotation):
         super().__init__()
         self._minor = minor
 
-    def format_ticks(self, values: Sequence[float]) -> list[str]:
+    def format_ticks(self, values: list[float]) -> list[str]:
         low, high = sorted(self.axis.get_view_interval())  # type: ignore[union-attr]
         if low < 1e-3 or high > 1e4 or high >= 100.0 * low:
             return list(super().format_ticks(values))

@@ -150,14 +150,18 @@ NAMED = 40  # members that a bar chart names
 PANELS = 6
 MODE_SIZE = 0.12  # of the largest extent: how far the most moved node of a drawn mode goes
 CURVES = 6
-WIDTH = 9.0  # inches
+WIDTH, LEAST_WIDTH = 9.0, 4.0  # inches
+BAR = 1.4  # inches, the scale of tensions with its numbers
 FAINT = (0.72, 0.74, 0.77)
 
 
 def structure_figure(before: Array, state: StaticState) -> Figure:
     """The structure before, in grey, and in equilibrium, its strings in the colours of their tensions."""
-    view = _view(np.concatenate([before, state.nodes]))
-    figure = new_figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
+    points = np.concatenate([before, state.nodes])
+    view = _view(points)
+    tall, size = _height(points, view), np.ptp(points @ view.T, axis=0)
+    # An upright structure leaves no empty space beside it, which would be all that a phone shows.
+    figure = new_figure(float(np.clip(tall * size[0] / max(float(size[1]), 1e-12) + BAR, LEAST_WIDTH, WIDTH)), tall)
     panel = figure.subplots()
     structure, whole = state.model.structure, state.model.whole
     _draw(panel, structure, before @ view.T, whole, (FAINT, FAINT), 0.9)
@@ -230,7 +234,7 @@ def response_figure(response: Response) -> Figure:
             )
         for event in response.slack_events:
             panels[0, 0].plot(curve.displacement[event.point], curve.force[event.point], ".", ms=4, color=palette.SLACK)
-    frame(panels[0, 0], "force over displacement", "displacement [m]", "force [N]", below=True)
+    frame(panels[0, 0], "force over displacement", "displacement [m]", "force [N]")
     low = path.lowest.copy()
     low[~np.isfinite(low)] = np.nan
     panels[0, 1].plot(s, low, color=palette.CYCLE[0], lw=1.4)
@@ -238,7 +242,7 @@ def response_figure(response: Response) -> Figure:
     for kind in dict.fromkeys(critical.kind for critical in path.criticals):
         points = [critical.parameter for critical in path.criticals if critical.kind is kind]
         panels[0, 1].plot(points, np.zeros(len(points)), label=kind.value, **_mark(kind))
-    frame(panels[0, 1], "lowest stiffness", x="parameter", y="stiffness [N/m]", below=True)
+    frame(panels[0, 1], "lowest stiffness", x="parameter", y="stiffness [N/m]")
     structure = path.model.structure
     for event in response.slack_events:
         panels[1, 0].plot(event.parameter, 0.0, ".", ms=4, color=palette.SLACK)
@@ -250,7 +254,7 @@ def response_figure(response: Response) -> Figure:
             draw_curves(panel, s, values, [one.name for one in members])
         else:
             note(panel, "none")
-        frame(panel, title, "parameter", "force [N]", below=True)
+        frame(panel, title, "parameter", "force [N]")
     return figure
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
 from tensegrity_mj.pictures import palette, plots
-from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
+from tensegrity_mj.pictures.figure import GREY, common_legend, equal_scales, frame, new_figure
 from tensegrity_mj.thesis import measures
 from tensegrity_mj.thesis.experiments import TITLES, EngineName, experiment_of
 from tensegrity_mj.thesis.statement import Runs
@@ -167,8 +167,7 @@ def space_paths(
     members(axes, end, structure.rod_nodes, structure.string_nodes, 2.2, 0.7)
     equal_scales(axes, np.concatenate(everything))
     axes.set_title(title, fontsize=9.5)
-    if any(labels):
-        axes.legend(fontsize=7.5, frameon=False, loc="upper left")
+    common_legend(figure, [axes], size=7.5)
     engines_note(figure, all_runs)
     return figure
 

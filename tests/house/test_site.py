@@ -93,6 +93,16 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         assert not loaded, page.name
 
 
+def test_commands_stand_in_blocks_whose_lines_break_on_a_phone() -> None:
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "models").glob("*/README.md")]:
+        kind = None
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if line.lstrip().startswith("```"):
+                kind = line.strip().strip("`") if kind is None else None
+            elif re.match(r"(    )?tensegrity-mj [a-z]+ ", line):
+                assert kind == "bash", f"{path.name}: {line}"
+
+
 def test_the_paper_cites_what_is_there_and_its_numbers_are_the_readmes() -> None:
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))

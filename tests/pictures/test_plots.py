@@ -272,7 +272,7 @@ def test_paths_follow_the_nodes_and_end_with_the_rods():
     assert np.allclose(np.transpose(paths[0].get_data_3d()), run.nodes[:, 1])
     assert paths[0].get_linewidth() > paths[1].get_linewidth()  # so that it shows under the second
     assert paths[0].get_color() == palette.CYCLE[0]
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    labels = [text.get_text() for text in axes.figure.legends[0].get_texts()]
     assert labels.count("target") == 1
     assert paths[1].get_linestyle() == "--"
     black = [line for line in axes.lines if line.get_color() == "black" and len(line.get_data_3d()[0]) == 2]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from analytic_runs import cone_run, planar_scene, run_of, two_masses
 from matplotlib.figure import Figure
+from pages import ROOT
 from panels import base_of, check_one_prefix, check_panels, unit_of
 
 import tensegrity_mj as tmj
@@ -59,6 +60,25 @@ def test_axes_of_plots_have_one_unit_each(name: str, paper: bool) -> None:
     else:
         figure = PLOTS[name]()
     check_panels(figure)
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_no_legend_stands_over_curves(name: str) -> None:
+    figure: Figure = PLOTS[name]()
+    figure.draw_without_rendering()
+    panels = [panel.get_window_extent() for panel in figure.axes]
+    legends = [*figure.legends, *filter(None, (panel.get_legend() for panel in figure.axes))]
+    assert legends or name in ("comparison", "landscape")
+    for legend in legends:
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(panel) for panel in panels)
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1  # nor is it cut off
+
+
+def test_the_one_frame_alone_places_legends() -> None:
+    for path in (ROOT / "tensegrity_mj").rglob("*.py"):
+        if path.name != "figure.py" or path.parent.name != "pictures":
+            assert not re.findall(r"\b(?:axes|panel|place|figure|left|right)\.legend\(", path.read_text("utf-8")), path
 
 
 def test_directions_and_places_have_axes_of_their_own_and_ticks_of_their_size() -> None:
@@ -152,3 +172,21 @@ def test_logarithmic_axes_write_numbers_in_full_by_the_limits_that_are_set_last(
     texts = {text.get_text() for text in labels} - {""}
     assert written <= texts
     assert top < 30 or not any(re.fullmatch("[.0-9]+", text) for text in texts)
+
+
+def test_of_many_rest_lengths_those_are_drawn_that_change_most() -> None:
+    scene, times = tmj.load_scene("six_bar_roll"), np.linspace(0.0, 1.0, 5)
+    nodes = np.broadcast_to(scene.nodes0, (5, *scene.nodes0.shape))
+    run = run_of(scene, times, nodes, np.zeros_like(nodes), np.full((5, 24), 0.2))
+    run.provenance["controller"] = {"law": "own"}
+    run.rest_lengths[:] = scene.structure.rest_lengths
+    run.rest_lengths[:, 20] -= 0.01 * times  # a winch that winds in: its peak is that of all
+    lines = plots.plot_run(run).subfigs[0].axes[2].lines
+    assert any(np.array_equal(line.get_ydata(), run.rest_lengths[:, 20]) for line in lines)
+    prism = tmj.load_scene("prism_drop")
+    nodes = np.broadcast_to(prism.nodes0, (5, *prism.nodes0.shape))
+    run = run_of(prism, times, nodes, np.zeros_like(nodes), np.full((5, 12), 0.2))
+    run.provenance["controller"] = {"law": "own"}
+    run.rest_lengths[:, 0] += 0.1 * times  # apart from the two that are like it
+    panel = plots.plot_run(run).subfigs[0].axes[2]
+    assert prism.structure.strings[0].name in [line.get_label() for line in panel.lines]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from analytic_runs import cone_motion, cone_run, cone_scene, two_masses
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import MissingPackageError, OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.elements.terrain import Stairs
@@ -88,14 +89,20 @@ def test_axes_are_equal_and_see_all_of_the_run() -> None:
     center, half = np.array(data["center"]), np.array(data["half"])
     points = np.concatenate([run.nodes.reshape(-1, 3), data["target"].reshape(-1, 3)])
     assert np.all(np.abs(points - center) < half)
-    # The eye is given in twice the largest half; a box's corner is seen where it lies within the view's half angle.
-    eye = np.array(data["eye"])
-    forward = -eye / np.linalg.norm(eye)
+    assert_seen(data, np.array(data["eye"]), web.ASPECT)
+
+
+def assert_seen(data: dict[str, Any], eye: Array, aspect: float) -> None:
+    """Check that a box's corners lie within the half angles of a view of that width over height.
+
+    The eye is given in twice the largest half.
+    """
+    half, forward = np.array(data["half"]), -eye / np.linalg.norm(eye)
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / half.max() - eye
     ahead = corners @ forward
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    assert np.all(np.abs(corners @ right) < web.ASPECT * web.HALF_VIEW * ahead)
+    assert np.all(np.abs(corners @ right) < aspect * web.HALF_VIEW * ahead)
     assert np.all(np.abs(corners @ np.cross(right, forward)) < web.HALF_VIEW * ahead)
 
 
@@ -223,6 +230,9 @@ DRIVER = """
   told.push("at start " + get("clock").textContent);
   await seek(1.0);
   told.push("tip " + ["x", "y", "z"].map(k => traces.nodes[k][1].toFixed(5)).join(" "));
+  told.push("eye " + ["x", "y", "z"].map(k => layout.scene.camera.eye[k]).join(" "));
+  told.push("slider " + get("time").clientWidth / innerWidth);
+  told.push("view " + innerWidth / (innerHeight - 100));
   told.push("tension " + traces.strings.customdata[0].toFixed(6));
   playing = true;
   step(1000);
@@ -237,11 +247,12 @@ DRIVER = """
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason=f"none of {', '.join(BROWSERS)} is installed (or TENSEGRITY_MJ_BROWSER)")
-def test_in_a_browser_it_seeks_and_plays_and_loads_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", ["1200,800", "500,1000"])
+def test_in_a_browser_it_seeks_and_plays_and_loads_nothing(tmp_path: Path, size: str) -> None:
     run = cone_run()
     path = tmp_path / "cone.html"
     path.write_text(make_web_page(run).text + f"<script>{DRIVER}</script>", encoding="utf-8")
-    flags = (*FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1200,800", "--virtual-time-budget=60000")
+    flags = (*FLAGS, f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={size}", "--virtual-time-budget=60000")
     answer = subprocess.run(
         [str(BROWSER), *flags, "--dump-dom", path.as_uri()], capture_output=True, text=True, timeout=300, check=False
     )
@@ -253,5 +264,8 @@ def test_in_a_browser_it_seeks_and_plays_and_loads_nothing(tmp_path: Path) -> No
     # 1 s lies on a frame, but for single precision: five decimals of it.
     assert np.array(told["tip"].split(), float) == pytest.approx(tip, abs=1.1e-5)
     assert float(told["tension"]) == pytest.approx(run.tensions[10, 0], abs=1.1e-6)
+    # The corners of the box are seen; on a phone the slider has a line almost of its own.
+    assert_seen(data_of(make_web_page(run)), np.array(told["eye"].split(), float), min(web.ASPECT, float(told["view"])))
+    assert float(told["slider"]) > 0.6
     assert told["after"] == "half a second 1.50 / 2.00 s"
     assert {"refused", "error"}.isdisjoint(told)

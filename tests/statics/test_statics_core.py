@@ -23,6 +23,7 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, follow, relax
 from tensegrity_mj.statics.linearized import Linearized
+from tensegrity_mj.statics.page import structure_figure
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -439,3 +440,11 @@ def test_elastic_rods_approach_rigid_ones() -> None:
     # Forces of 1e3 N over EA of 1e6 N: 1e-3 of the length, to first order.
     assert abs(gaps[0] / gaps[1] - 10) < 0.1
     assert abs(gaps[1] / gaps[2] - 10) < 0.01
+
+
+def test_the_picture_of_an_upright_structure_has_no_empty_half():
+    scene = tmj.load_scene("prism")  # 0.8 m high and 0.5 m wide
+    figure = structure_figure(scene.nodes0, find_equilibrium(scene))
+    figure.draw_without_rendering()
+    panel, _ = figure.axes
+    assert panel.get_window_extent().width > 0.5 * figure.bbox.width

@@ -11,7 +11,7 @@ from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import equal_scales, new_figure
+from tensegrity_mj.pictures.figure import common_legend, equal_scales, new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES, BeamRun
@@ -97,7 +97,6 @@ def trend(all_runs: AllRuns) -> Figure:
             if STUDY in runs:
                 D = grid(runs[STUDY], name)
                 panel.scatter(k, p, D, s=28, facecolors="none", edgecolors="k", label=TITLES[engine])
-                panel.legend(fontsize=8)
         panel.set_title(f"largest D {title}", fontsize=9.5)
         panel.set_xlabel("string stiffness [kN/m]", fontsize=8)
         panel.set_ylabel("prestress measure [m]", fontsize=8)
@@ -105,4 +104,5 @@ def trend(all_runs: AllRuns) -> Figure:
         panel.view_init(22, 50)
         panel.set_box_aspect(None, zoom=0.86)  # room for the label of the upright axis
         panel.tick_params(labelsize=7.5)
+    common_legend(figure, figure.axes)
     return figure
