@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +14,7 @@ import pytest
 from analytic_runs import cone_run
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.accuracy.ladder import STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy.ladder import FAILURES, STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy.search import MOST_EVALUATIONS, find
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
@@ -92,6 +94,38 @@ def test_runs_that_stop_early_do_not_end_the_search() -> None:
     for number in range(STRIKES + 2):
         two.add(Rung(0.1 / 2**number, off_by(1e-2 * (-1) ** number, until=12), 1.0))
     assert "does not fall" in two.dead
+
+
+def test_failures_in_a_row_end_a_ladder_and_one_run_between_them_does_not() -> None:
+    one, two = ladder(), ladder()
+    for number in range(FAILURES):
+        assert not one.dead
+        failed = Rung(0.1 / 2**number, None, 1.0, tmj.errors.DivergenceError("gone astray", 0.1, None))
+        one.add(failed)
+        two.add(Rung(failed.setting, off_by(1e-3), 1.0) if number == 1 else failed)
+    assert one.dead == f"{FAILURES} runs in a row failed, the last: gone astray"
+    assert not two.dead
+
+
+def test_a_request_that_is_not_met_is_warned_of_with_what_is_known() -> None:
+    """Errors that fall with the step, as Euler's, and some that change their sign from run to run instead."""
+
+    def warned(accuracy: float, errors: Callable[[float], float]) -> list[str]:
+        def run(step: float) -> Trajectory:
+            return made(off_by(errors(step)), 1 / step)
+
+        one = Ladder("euler", run, 1, 0.1, 1.0, 10.0, lambda step: step, floor=1e-14, least=1e-4)
+        return find(accuracy, [one], SimpleNamespace(duration=1.0)).reports["warnings"]  # type: ignore[arg-type]
+
+    assert warned(1e-2, lambda step: step) == []
+    (settled,) = warned(1e-8, lambda step: step)
+    assert re.match(
+        r"the error is 0\.000\d+ m, 1e-08 m were requested: runs differ by .*; euler can go no finer", settled
+    )
+    (unknown,) = warned(1e-8, lambda step: 0.5 * (-1) ** round(np.log2(0.1 / step)))
+    assert unknown.startswith("the error is not known: ")
+    assert "does not fall" in unknown
+    assert unknown.endswith(" m, 1e-08 m were requested")
 
 
 def test_a_tighter_request_makes_the_runs_of_a_looser_one_and_more() -> None:

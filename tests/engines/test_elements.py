@@ -107,6 +107,16 @@ def test_a_value_class_is_checked_as_an_element() -> None:
         CompiledSpring("a", -1.0)
 
 
+def test_what_an_element_refuses_of_a_scene_is_refused_with_the_scene() -> None:
+    class Tall(GroundSpring):
+        def check(self, scene: tmj.Scene) -> None:
+            if len(scene.structure.strings) < 3:
+                raise tmj.errors.SceneError("a spring like this needs three strings")
+
+    with pytest.raises(tmj.errors.SceneError, match="needs three strings"):
+        tethered((Tall("a", 1.0),))
+
+
 def oscillator(**scene: Any) -> tmj.Scene:
     """A rod of 2 kg pulled at both ends by springs of no length: its centre is an oscillator of ω² = 2 k / m = 9."""
     nodes = {"a": (0.2, -0.5, 0.0), "b": (0.2, 0.5, 0.0)}

@@ -57,7 +57,14 @@ def test_a_menagerie_model_moves_to_the_last_bit_as_the_plain_one(name: str, tmp
     assert {one.get("class") for one in root.iter("default")} <= {None, root.get("model"), "rod", "node", "string"}
     assert root.find("worldbody/light") is None
     assert next(one.tag for one in outer) == "include"
-    assert outer.find("worldbody/camera") is not None
+    # Its picture is as wide as high or wider, and the start is in it: no node is further off the axis than the edge.
+    camera = model.camera("side")
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    seen = (scene.nodes0 - data.camera("side").xpos) @ data.camera("side").xmat.reshape(3, 3)
+    assert np.all(np.abs(seen[:, :2]) < -seen[:, 2:] * np.tan(0.5 * np.radians(camera.fovy)))
+    assert -seen[:, 2].min() < 5 * np.ptp(scene.nodes0, axis=0).max()  # and it is no speck
     assert outer.find("asset/texture").get("type") == "skybox"  # type: ignore[union-attr]
     assert (outer.find("worldbody/geom") is not None) == (scene.contact is not None and scene.contact.floor is not None)
 

@@ -297,6 +297,16 @@ def test_what_is_wrong_in_data_is_named_in_one_line(case: str, tmp_path: Path) -
     assert "\n" not in str(error.value)
 
 
+def test_packed_data_as_matlab_saves_them_are_the_same(tmp_path: Path) -> None:
+    plain, packed = tmp_path / "plain.mat", tmp_path / "packed.mat"
+    for path in (plain, packed):
+        savemat(path, GOOD, do_compression=path == packed)
+    assert packed.read_bytes()[128] == 15  # packed elements
+    ours, theirs = (import_scene(path).scene.structure for path in (packed, plain))
+    assert (ours.nodes, ours.rods, ours.strings) == (theirs.nodes, theirs.rods, theirs.strings)
+    assert ours.fixed_nodes == theirs.fixed_nodes
+
+
 def test_broken_and_hostile_data_are_refused(tmp_path: Path) -> None:
     whole = saved(tmp_path, **GOOD).read_bytes()
     header = whole[:128]

@@ -231,6 +231,21 @@ def test_mjcf_of_others_is_read_by_what_it_means() -> None:
     assert "pushes where it is shorter than 0" not in notes.replace("0.9 m", "")
 
 
+def test_what_has_no_name_in_mjcf_gets_one_by_its_number(tmp_path: Path) -> None:
+    path = tmp_path / "plain.xml"
+    pair = (
+        '<geom type="capsule" fromto="0 0 0 0 0 1" size="0.1"/><site/><site name="{0}" pos="0 0 1"/><site pos="0 0 1"/>'
+    )
+    bodies = "".join(
+        f'<body pos="{x} 0 0"><freejoint/>{pair.format(name)}</body>' for x, name in ((0, "top"), (2, "up"))
+    )
+    path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", encoding="utf-8")
+    structure = import_scene(path).scene.structure
+    assert [rod.name for rod in structure.rods] == ["rod1", "rod2"]
+    assert [rod.nodes for rod in structure.rods] == [("node1", "top"), ("node3", "up")]
+    np.testing.assert_array_equal([structure.nodes[name][0] for name in ("node1", "top", "node3", "up")], [0, 0, 2, 2])
+
+
 BODY = """<mujoco><worldbody><body name="one" pos="0 0 1">{}
 <geom type="capsule" fromto="0 0 0 0 0 1" size="0.1"/><site name="p"/>{}</body></worldbody></mujoco>"""
 TWO = BODY.format("<freejoint/>", '<body name="two"><freejoint/><geom size="1"/></body>')

@@ -19,8 +19,9 @@ from gymnasium.utils.env_checker import check_env
 import tensegrity_mj.gymnasium
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies import Draw, Uniform
-from tensegrity_mj.studies.tasks import task_of
+from tensegrity_mj.studies.tasks import World, task_of
 from tensegrity_mj.studies.tasks.robots import TASKS
+from tensegrity_mj.studies.tasks.viewing import Viewer
 
 IDS = [f"Tensegrity/{name}-v0" for name in TASKS]
 MODES = ["NextStep", "SameStep", "Disabled"]
@@ -152,6 +153,54 @@ def test_pictures_follow_the_robot(capsys: pytest.CaptureFixture[str], monkeypat
     if sys.platform == "linux":
         assert capsys.readouterr().err.count("no display") == 1
     shown.close()
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_page_states_the_shipped_tasks(name: str) -> None:
+    text = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    start = next(row for row in rows if row[-1].startswith("`SpineReach-v0`"))
+    column = start.index(f"`{name}-v0`") - len(start)
+    cells = {row[0]: row[column].replace("within the same", row[1]) for row in rows if len(row) == len(start) + 1}
+    task = task_of(name)
+    structure = task.scene.structure
+    assert task.start is not None
+    reach = [] if task.goal is None else [1e3 * part for part in task.goal.reach]
+    for row, numbers in {
+        "task": reach,
+        "actions": [len(structure.strings)],
+        "rest lengths, of the designed ones": [
+            *(task.low / structure.rest_lengths),
+            *(task.high / structure.rest_lengths),
+        ],
+        "winch speed": structure.limits("winch_speed"),
+        "observation": [World(task).size],
+        "control period, episode": [task.period, task.steps],
+        "engine": [4, 1e3 * task.engine.timestep],  # type: ignore[attr-defined]
+        "start": [1e3 * x for x in (task.start.displacement, task.start.displacement, task.start.speed)],
+    }.items():
+        stated = [float(one) for one in re.findall(r"\.?\d[\d.]*", cells[row].partition(", 10 mm above")[0])]
+        each = (
+            sorted({float(f"{number:.12g}") for number in numbers}) if "lengths" in row or "winch" in row else numbers
+        )
+        np.testing.assert_allclose(stated, each, rtol=1e-12, err_msg=row)
+
+
+def test_a_picture_has_the_rods_of_its_robot_where_they_are() -> None:
+    robots = gymnasium.make_vec("Tensegrity/PrismReach-v0", 2, "vector_entry_point", render_mode="rgb_array")
+    robots.reset(seed=1)
+    robots.step(np.stack([np.ones(robots.single_action_space.shape), -np.ones(robots.single_action_space.shape)]))
+    world = robots.unwrapped.world  # type: ignore[attr-defined]
+    viewer = Viewer(world)
+    for number, nodes in enumerate(world.state().nodes):
+        viewer.pixels(number)
+        drawn = np.array([geom.pos for geom in viewer._scene.geoms[: viewer._scene.ngeom]])
+        middles = nodes[world.task.scene.structure.rod_nodes].mean(axis=1)
+        # Places less than 1 m from the origin, which a picture has in single precision, to 6e-8 m in each direction.
+        assert np.linalg.norm(middles[:, None] - drawn, axis=2).min(axis=1).max() < 1e-7 * np.sqrt(3)
+    viewer.close()
+    viewer.close()
+    robots.close()
 
 
 def test_wrong_options_are_refused() -> None:

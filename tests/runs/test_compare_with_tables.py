@@ -196,6 +196,21 @@ def test_positions_at_other_times_are_cubic_hermite_and_the_estimate_is_their_er
     assert found.resampling_error["velocity_error"] > found.max_velocity_error / 2
 
 
+def test_the_error_at_a_time_is_that_of_the_worst_node(run: tmj.Trajectory) -> None:
+    """m is off by more and more, h by as much as ever; sums and differences of numbers up to 10: 1e-14."""
+    rows = np.arange(0, 101, 20)
+    off = np.zeros((6, 2, 3))
+    off[:, 0, 1], off[:, 1, 2] = 0.1 * np.arange(6), 0.25
+    of = run.nodes[rows][:, 1:] + off, run.velocities[rows][:, 1:] - 2 * off
+    tensions = {"s1": run.tensions[rows, 0] + 3 * off[:, 0, 1]}
+    found = tmj.compare(run, Table(run.time[rows], ("m", "h"), *of, tensions=tensions))
+    worst = np.array([0.25, 0.25, 0.25, 0.3, 0.4, 0.5])
+    np.testing.assert_allclose(found.node_error, worst, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.velocity_error, 2 * worst, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.tension_error, 0.3 * np.arange(6), rtol=0, atol=1e-13)
+    assert found.by_node == pytest.approx({"m": 0.5, "h": 0.25}, rel=1e-12)
+
+
 def test_the_estimate_sees_a_jump_of_the_velocity() -> None:
     """A mass that bounces: at its impact the polynomials err by a part of v h, and so do twice as coarse ones."""
     time = np.arange(0.0, 1.0, 0.01)

@@ -11,6 +11,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import Rods, StaticModel, check_state, find_equilibrium
+from tensegrity_mj.statics.page import _tables as tables
 from tensegrity_mj.statics.page import members_figure
 from tensegrity_mj.statics.state import Determinacy, StaticState, determinacy
 from tensegrity_mj.statics.words import reactions
@@ -75,6 +76,9 @@ def test_it_is_said_in_the_text_json_and_members(arm: tmj.Scene) -> None:
     rods = data["equilibrium"]["rods"]
     assert {name for name, rod in rods.items() if not rod["determined"]} == set(BRACED)
     assert {name for name, rod in data["members"]["rods"].items() if not rod["determined"]} == set(BRACED)
+    assert study.state is not None
+    table = next(one for one in tables(study, study.state) if one.title == "rods")
+    assert {row[0] for row in table.rows if row[list(table.columns).index("determined")] != "yes"} == set(BRACED)
     check = study.members
     assert check is not None
     assert not check.ok

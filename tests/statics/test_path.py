@@ -778,6 +778,8 @@ def test_errors_name_what_is_wrong() -> None:
         follow(model, loads=loads, to=0.0)
     with pytest.raises(OptionError, match="direction: it moves nothing"):
         follow(model, loads=loads, direction=np.zeros_like(loads))
+    with pytest.raises(OptionError, match=r"loads = 1\.0; it must be an array of shape"):
+        follow(model, loads=1.0)
     with pytest.raises(OptionError, match="contradict"):
         follow(model, holds=[*holds, Hold(TOP[:1], displacement=(0.0, 0.0, 1.0))])
     path = follow(model, holds=holds, points=2)

@@ -9,7 +9,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.library.random_structures import random_rotation
 from tensegrity_mj.model.redundancy import redundancy
 from tensegrity_mj.model.strings import on_taut_side
-from tensegrity_mj.statics import find_equilibrium
+from tensegrity_mj.statics import analyse, find_equilibrium
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.stiffening import Verdict
 
@@ -61,6 +61,21 @@ def test_what_a_state_holds_is_the_same_an_ulp_away(name: str) -> None:
     assert found == found[:1] * len(found)
     if name in ("cross", "pinned_rod", "pinned_rod_mirror"):  # no string has any tension
         assert found[0][-2] is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize(("shortened", "number"), [((), 0), (("side",), 1), (("side", "back"), 2)])
+def test_a_note_counts_the_strings_at_the_edge_beside_taut_ones(shortened: tuple[str, ...], number: int) -> None:
+    """A mass hangs on one string; two others are level and 1 m long, and as long at rest or 1.5 m."""
+    nodes = {"m": (0, 0, 0), "up": (0, 0, 1), "side": (1, 0, 0), "back": (0, -1, 0)}
+    level = [
+        tmj.String(name, ("m", name), 50.0, rest_length=1.0 if name in shortened else 1.5) for name in ("side", "back")
+    ]
+    strings = (tmj.String("up", ("up", "m"), 100.0, tension=2 * 9.81), *level)
+    masses = (tmj.PointMass("m", 2.0),)
+    structure = tmj.Structure("hung", nodes, (), strings, fixed_nodes=("up", "side", "back"), point_masses=masses)
+    notes = [note for note in analyse(tmj.Scene(structure, gravity=(0.0, 0.0, -9.81))).notes if "edge of" in note]
+    assert len(notes) == (number > 0)
+    assert all(f": {number} string{'s' * (number > 1)} ('side' is one)" in note for note in notes)
 
 
 @pytest.mark.parametrize("away", [0.0, 1e3, 5e6])

@@ -435,6 +435,22 @@ def test_verdicts_are_good_where_both_tails_and_the_run_are() -> None:
     assert marks(p_value=None, estimated_noise=0.3)[1] == "not judged"
 
 
+def test_the_picture_has_all_that_it_tells() -> None:
+    parameters = [{"name": "k", "value": 4.0, "deviation": 0.1, "low": 3.8, "high": 4.2, "start": 5.0}]
+    seen = {"before": [0.0, 0.25, 40.0], "after": [3.0]}
+    data: dict[str, Any] = {name: {"eigenvalues": values} for name, values in seen.items()} | {"parameters": parameters}
+    data["whiteness"] = {"lags": 2, "autocorrelation": [0.1, -0.2], "bound": 0.3}
+    left, middle, right = result._told(data).axes
+    assert [line.get_ydata().tolist() for line in left.get_lines() if line.get_marker() == "x"] == [[0]]
+    assert [line.get_xdata().tolist() for line in left.get_lines() if line.get_marker() == "x"] == [[1.25]]
+    drawn = [line.get_ydata() for line in middle.get_lines()]
+    # All that is positive: a logarithmic axis has no other.
+    assert [values[np.isfinite(values)].tolist() for values in drawn] == [[0.25, 40.0], [3.0]]
+    assert [line.get_label() for line in middle.get_lines()] == ["before", "after"]
+    assert [bar.get_height() for bar in right.patches] == [0.1, -0.2]
+    assert sorted(line.get_ydata()[0] for line in right.get_lines()) == [-0.3, 0.3]
+
+
 def test_the_run_with_the_estimates_is_looked_at() -> None:
     scene = between_walls()
     data = noisy(tmj.simulate(scene, engine="dae", output_interval=0.1), 6)

@@ -107,6 +107,15 @@ def test_a_law_that_does_nothing_is_not_judged(scene: tmj.Scene, duration: float
     assert marks(report)[1] == "not judged"
 
 
+@pytest.mark.parametrize(("moved", "moves"), [(0.9e-6, False), (1.1e-6, True)])
+def test_what_moves_by_less_than_a_millionth_of_its_size_does_not_move(moved: float, moves: bool) -> None:
+    values = {"status": "completed", "growth": [], "doubts": [], "error": None, "acts": True}
+    values |= {"rest": {"last_speed": 0.0, "largest_speed": 1e-6, "moved": moved}}
+    outcome, found = judging.judged(values, 1e-3, 1.0)
+    assert outcome == ("at rest" if moves else "completed")
+    assert ("nothing moves" in found.reason) == (not moves)
+
+
 def test_a_run_that_warned_or_reached_a_limit_is_limited() -> None:
     calm = {"start": 0.01, "target": True}
     # Rest lengths fall by up to 0.08 s · 10 mm · 4.24/s = 3.4 mm at first. A limit that lets them fall by 1 mm takes at

@@ -415,6 +415,17 @@ def test_contact_is_named_as_what_the_model_leaves_out() -> None:
     assert any("contact is not in the model" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    "way", [(1, 0, 0), (0, 1, 0), (0.2, 0, 1), (0, -0.2, 1), (0, 0, 1), (0.05, 0, -1), (0, 0.05, 1)]
+)
+def test_rods_that_stand_upright_are_near_the_pole_of_the_angles(way: tuple[float, float, float]) -> None:
+    """Where sin φ is below 0.1; rods that lie along x or y, or lean by 0.2 rad, are not."""
+    rods, strings = (tmj.Rod("r", ("a", "b"), 1.0),), (tmj.String("s", ("b", "c"), 10.0, rest_length=0.5),)
+    structure = tmj.Structure("rod", {"a": (0, 0, 0), "b": way, "c": (0, 0, 3)}, rods, strings, fixed_nodes=("c",))
+    notes = [note for note in stable_step(tmj.Scene(structure), tmj.ODE()).notes if "near the pole" in note]
+    assert len(notes) == (np.hypot(*way[:2]) < 0.1)
+
+
 def spun(rate: float, damping: float, engine: Any) -> float:
     """Angular momentum of a prestressed prism in free flight after 1 s, over that at the start."""
     structure = tmj.load_scene("prism_drop").structure
