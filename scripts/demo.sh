@@ -4,4 +4,5 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 set_up run
+see_to_compiling
 exec "$venv/bin/python" -m tensegrity_mj demo --out "$root/results" "$@"

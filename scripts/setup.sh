@@ -1,5 +1,6 @@
 # Sourced by demo.sh, test.sh and docs.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
 #   set_up run|docs|dev    make the virtual environment .venv, install the package in it, see to dm-control and to OpenGL
+#   see_to_compiling       compile what engines and laws call (not for the site, which compiles what its notebooks call)
 # A second call with nothing changed installs nothing and needs no network.
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
@@ -184,5 +185,4 @@ set_up() { # run|docs|dev
     install_package "$python" "$1"
     see_to_dm_control "$python"
     see_to_opengl
-    if [ "$1" != docs ]; then see_to_compiling; fi # the site compiles what its notebooks call
 }

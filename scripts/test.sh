@@ -6,5 +6,10 @@ source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 set_up dev
 cd "$root"
 
-bash scripts/lint.sh
+# Beside each other, as compiling takes one core.
+bash scripts/lint.sh &
+lint=$!
+trap 'kill "$lint" 2>/dev/null || true' EXIT
+see_to_compiling
+wait "$lint"
 exec "$venv/bin/python" -m pytest -n auto --dist loadgroup "$@"

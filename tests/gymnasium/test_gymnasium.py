@@ -44,19 +44,19 @@ def test_gymnasiums_own_check_finds_nothing(name: str, monkeypatch: pytest.Monke
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
-def test_ten_thousand_random_steps_raise_no_warning(name: str) -> None:
-    """In a vector of 20, and so 500 steps of each; what is seen stays within the space."""
+def test_two_thousand_random_steps_raise_no_warning(name: str) -> None:
+    """In a vector of 20, and so 102 steps of each; what is seen stays within the space."""
     robots = gymnasium.make_vec(name, num_envs=20, vectorization_mode="vector_entry_point")
     robots.reset(seed=1)
     robots.action_space.seed(2)
     ended = 0
-    for _ in range(500):
+    for _ in range(102):
         seen, reward, terminated, truncated, _ = robots.step(robots.action_space.sample())
         assert robots.observation_space.contains(seen)
         assert np.isfinite(reward).all()
         assert not terminated.any()  # nothing diverges
         ended += int(truncated.sum())
-    assert ended == 20 * 4  # a step of each 101 begins anew
+    assert ended == 20  # a step of each 101 begins anew
     robots.close()
 
 

@@ -244,6 +244,3 @@ def test_the_whole_motion(mode: str) -> None:
     np.testing.assert_allclose(run.force_densities.sum(axis=1), 1960, rtol=1e-6 if sampled else 1e-9)
     assert run.target_error().max() < (2e-3 if sampled else 1e-8)
     assert run.force_densities.min() >= 0
-    if not sampled:
-        reference = tmj.simulate(scene, law, tmj.DAE(rtol=1e-10, atol=1e-11), output_interval=0.1)
-        assert tmj.compare(run, reference).max_node_error < 1e-7

@@ -192,13 +192,13 @@ def test_engines_agree_in_waves() -> None:
     assert errors[1] < errors[0] / 16  # 256 for a smooth motion; where rods cross the surface, loads have corners
 
 
-EXTREME = ("10 kN/m 0.1 m", "30 kN/m 0.2 m")
+STIFFEST = "30 kN/m 0.2 m"
 
 
 @pytest.mark.parametrize(
     "label",
     [
-        pytest.param(label, marks=[pytest.mark.slow, *([] if label in EXTREME else [pytest.mark.study])])
+        pytest.param(label, marks=[pytest.mark.slow, *([] if label == STIFFEST else [pytest.mark.study])])
         for label in GRID
     ],
 )
