@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tensegrity_mj import runs as runs
     from tensegrity_mj import statics as statics
     from tensegrity_mj import studies as studies
+    from tensegrity_mj.calls import accelerations as accelerations
     from tensegrity_mj.calls import identify as identify
     from tensegrity_mj.calls import law_in as law_in
     from tensegrity_mj.calls import linearize as linearize

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from numpy.typing import ArrayLike
 
 from tensegrity_mj import controllers, simulation
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import choice_from
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.controllers.scenes import SCENE_LAW
@@ -144,6 +145,21 @@ def simulate(
     raise NotImplementedError
 
 
+@with_texts(simulation.accelerations)
+def accelerations(
+    scene: AnyScene,
+    controller: AnyLaw = SCENE_LAW,
+    engine: AcceleratingEngine | str | None = None,
+    *,
+    nodes: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    time: float | None = None,
+    rest_lengths: ArrayLike | None = None,
+    **engine_options: Any,
+) -> Array:
+    raise NotImplementedError
+
+
 @with_texts(linearizing.linearize)
 def linearize(
     scene: AnyScene,
@@ -153,7 +169,7 @@ def linearize(
     velocities: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     law: AnyLaw = None,
-    time: float = 0.0,
+    time: float | None = None,
     inputs: Command | str = Command.REST_LENGTH,
     **engine_options: Any,
 ) -> Linearization:
@@ -170,7 +186,7 @@ def stable_step(
     nodes: ArrayLike | None = None,
     velocities: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
-    time: float = 0.0,
+    time: float | None = None,
     run: Trajectory | None = None,
     **engine_options: Any,
 ) -> stable_steps.StableStep:

@@ -1,4 +1,4 @@
-"""`simulate`: one verb, one loop's meaning, for every engine."""
+"""`simulate`, and the accelerations at one state, for every engine."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
+from numpy.typing import ArrayLike
+
 from tensegrity_mj.basics import interrupts
-from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
-from tensegrity_mj.engines.continuing import start_of
-from tensegrity_mj.engines.request import Request, request_for, settled
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.continuing import scene_at_end, start_of
+from tensegrity_mj.engines.request import AcceleratingEngine, Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import DivergenceError, OptionError
@@ -47,7 +51,8 @@ def simulate(
     """Simulate a scene under a control law in one engine.
 
     Args:
-        scene: the experiment; or a run, to go on from its end (docs/engines.md), with its actuation by default.
+        scene: the experiment; or a run, to go on from its end, or from the sample of `run.at(time)` (docs/engines.md),
+            with its actuation by default.
         controller: a law (see `law`), or a function (time, nodes, velocities) -> u; the scene's own law by default
             (SCENE_LAW), where it names one. None for no law: constant rest lengths.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`.
@@ -82,8 +87,9 @@ def simulate(
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     engine, request, taken = settled(engine, request)
     if before is not None:
-        request = replace(request, start=start_of(before, engine, controller))
-        check_motions_until(scene, float(before.time[-1]) + request.duration)
+        if scene is before.scene:
+            request = replace(request, start=start_of(before, engine, controller))
+        check_motions_until(scene, request.begin + request.duration)
         if default is SCENE_LAW and request.law.description != before.provenance.get("controller"):
             raise OptionError("the run to go on from was not under the scene's own law: give its law, or None for none")
     law, actuation = request.law, request.actuation
@@ -110,17 +116,60 @@ def simulate(
     return run
 
 
+def accelerations(
+    scene: Scene,
+    controller: AnyLaw = SCENE_LAW,
+    engine: AcceleratingEngine | None = None,
+    *,
+    nodes: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    time: float | None = None,
+    rest_lengths: ArrayLike | None = None,
+) -> Array:
+    """Accelerations of the nodes at a state, from an engine's own equations and without a step.
+
+    Args:
+        scene: what moves; elements with states have those that they start with.
+        controller: a law, evaluated at the state; the scene's own by default. None for no law.
+        engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
+        nodes, velocities: (N, 3) [m] and [m/s]; the scene's start by default.
+        time: [s], at which forces act, supports have moved, and strings have broken; the scene's start by default.
+        rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
+
+    Returns:
+        (N, 3) [m/s²]. In MuJoCo joints that close loops are rigid here, which a run has soft.
+
+    Raises:
+        OptionError: for options out of range, and where the engine's coordinates cannot hold the state.
+        SceneError: for a state that stretches a rod or breaks a support.
+        InfeasibleError, ControllerError: what the law says at the state.
+    """
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    engine = checked_engine(engine, "accelerations")
+    given = {"initial_nodes": nodes, "initial_velocities": velocities, "start_time": time}
+    scene = scene.with_(**{key: one for key, one in given.items() if one is not None})
+    require(engine, scene)
+    law = law_for(scene, controller)
+    if rest_lengths is not None:
+        if law is not None:
+            raise OptionError("rest_lengths and controller: the law sets the rest lengths; leave one of them out")
+        rest_lengths = real_array("rest_lengths", rest_lengths, (len(scene.structure.strings),), "m")
+    field = engine.accelerations(Request(scene, native_law(law, scene.structure)))
+    return field(float(scene.start_time), scene.nodes0, scene.velocities0, rest_lengths)[1]
+
+
 def _goes_on(
     run: Trajectory, duration: float | None, actuation: Actuation | None
 ) -> tuple[Scene, float, Actuation | None]:
     """The scene of a run that goes on, for how long, and how its law acts."""
-    left = run.scene.duration - float(run.time[-1]) if duration is None else duration
+    end = run.scene.start_time + run.scene.duration
+    left = end - float(run.time[-1]) if duration is None else duration
     if duration is None and left <= 0:
-        raise OptionError(f"the run has reached the scene's duration, {run.scene.duration:g} s: give one to go on for")
+        raise OptionError(f"the run has reached the scene's duration, {end:g} s: give one to go on for")
     held = run.provenance.get("actuation") or {}
     if actuation is None and held.get("mode", "continuous") != "continuous":
         actuation = Actuation(held["mode"], held["period"])
-    return run.scene, left, actuation
+    return scene_at_end(run), left, actuation
 
 
 def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **options: Any) -> Trajectory:

@@ -57,12 +57,13 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         law, actuation, duration = experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
     if before is not None:
-        left = scene.duration - float(before.time[-1])
+        left = scene.start_time + scene.duration - float(before.time[-1])
         duration = duration or (left if left > 0 else None)
     held = actuation if before is None or options.actuation else None  # that of the run that goes on
     engine = experiment.engine_of(options.engine, options, duration or scene.duration)
     after = options.statistics
-    if after is not None and after >= (duration or scene.duration):
+    begin = scene.start_time if before is None else float(before.time[-1])
+    if after is not None and after >= begin + (duration or scene.duration):
         raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")
     try:
         run = experiment.simulated(options, before or scene, law, engine, held, duration, options.output_interval)
@@ -141,7 +142,10 @@ def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
     """The run of --from, with the scene as it is now."""
     if path is None:
         return None
-    before = runs.Trajectory.load(path)
+    file, _, time = (path, "", "") if Path(path).is_file() else path.rpartition("@")
+    before = runs.Trajectory.load(file or time)
+    if file and time:
+        before = before.at(time)
     if before.scene.structure.node_names != scene.structure.node_names:
         raise OptionError(f"--from {path}: a run of scene '{before.scene.name}', whose nodes are others")
     return replace(before, scene=scene)

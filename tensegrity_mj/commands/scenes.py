@@ -173,9 +173,9 @@ def statics(scene: model.Scene) -> dict[str, Any]:
     }
     if not structure.strings:
         return found | {"can_be_prestressed": False, "why_not": "there are no strings"}
-    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still)
+    loads = scene.nodal_forces(float(scene.start_time)) + resisting_forces(scene, nodes, still)
     if not floats:
-        loads = loads + water_forces(scene, 0.0, nodes, still)[0]
+        loads = loads + water_forces(scene, float(scene.start_time), nodes, still)[0]
     try:
         prestress(structure, nodes=nodes, gravity=gravity, loads=loads)
         found |= {"can_be_prestressed": True, "why_not": ""}

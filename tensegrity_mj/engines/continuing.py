@@ -15,7 +15,9 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.degraded import Delayed
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import OptionError, SceneError
+from tensegrity_mj.model.capabilities import CONTACT, ELEMENT_STATES, YIELDING
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.ends import parts_of, texts_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
@@ -65,14 +67,9 @@ def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
     """Where a run goes on that an engine is to continue.
 
     Raises:
-        OptionError: for a run that kept no such state, one that ended early, another engine, and laws that keep states.
+        OptionError: for another engine, and laws that keep states.
     """
-    end = run.provenance.get("end")
-    if run.status is not Status.COMPLETED or end is None:
-        raise OptionError(
-            f"the run of {run.engine} ({run.status.value}) cannot be gone on from: MuJoCo, and RK4 of DAE and ODE, "
-            "keep the state of their end, without locate_slack, accuracy, or many runs at once"
-        )
+    end = run.provenance["end"]
     parts = parts_of(end, "the run to go on from")
     if end["engine"] != _kind(engine) or getattr(engine, "locate_slack", False):
         raise OptionError(f"engine = {engine}: the run to go on from is of {run.engine}: use that engine")
@@ -81,6 +78,32 @@ def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
             raise OptionError("the law Delayed keeps what it measured before, which no run records: leave it out")
         law = getattr(law, "law", None)
     return Start(float(run.time[-1]), parts)
+
+
+def scene_at_end(run: Trajectory) -> Scene:
+    """What a run goes on with: its scene, or one that starts at its last sample where the run kept no state of its end.
+
+    Raises:
+        OptionError: for a run that ended early, and where its samples do not have all of the state.
+    """
+    scene, had = run.scene, run.provenance
+    if run.status is Status.COMPLETED and had.get("end") is not None:
+        return scene
+    mode, passive = (had.get("actuation") or {}).get("mode", "continuous"), had.get("on_infeasible") == "passive"
+    lost = [trait.find(scene) for trait in (CONTACT, YIELDING, ELEMENT_STATES)]
+    lost += [f"it ended early ({run.status.value})" if run.status is not Status.COMPLETED else ""]
+    lost += [f"winches hold what they were told (actuation {mode})" if mode != "continuous" else ""]
+    lost += ["rest lengths may be held (on_infeasible passive)" if passive and had.get("controller") else ""]
+    begin = {"start_time": run.time[-1], "initial_nodes": run.nodes[-1], "initial_velocities": run.velocities[-1]}
+    try:
+        if any(lost):
+            raise SceneError(next(filter(None, lost)))
+        return scene.with_(**begin)
+    except SceneError as error:
+        raise OptionError(
+            f"the run of {run.engine} cannot be gone on from at {run.time[-1]:.9g} s: {error}; the whole state is kept "
+            "of the end of runs by MuJoCo, and by RK4 of DAE and ODE, without locate_slack, accuracy, or many at once"
+        ) from None
 
 
 def _kind(engine: Any) -> str:

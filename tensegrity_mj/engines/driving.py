@@ -53,15 +53,14 @@ class Grid:
         count = steps["duration"]
         stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
         check_rows(count / stride)
-        first = 0
-        if request.start is not None:
-            first, stride = whole_ratio(request.start.time, step, "start over the time step"), min(stride, count)
-            if first % stride:
-                raise OptionError(
-                    f"the run goes on from {request.start.time:.9g} s, which is no multiple of the output interval, "
-                    f"{stride * step:.9g} s: give one that divides it"
-                )
-        return cls(step, count, min(stride, count), steps.get("control period", 0), first)
+        first, stride = steps.get("start", 0), min(stride, count)
+        if first % stride and request.output_interval is not None:
+            raise OptionError(
+                f"the run begins at {request.begin:.9g} s, which is no multiple of the output interval, "
+                f"{stride * step:.9g} s: give one that divides it"
+            )
+        stride = next(each for each in range(stride, 0, -1) if first % each == 0)
+        return cls(step, count, stride, steps.get("control period", 0), first)
 
     def describe(self, plant: Table, rows: Array) -> None:
         """Set it in the table of a plant (`STEPPED`), with the rows to be recorded."""
@@ -83,9 +82,9 @@ def output_times(request: Request) -> Array:
     check_rows(count)
     times: Array = np.arange(count + 1, dtype=float) * interval
     if request.duration - times[-1] > 1e-9 * interval:
-        return np.append(times, request.duration)
+        times = np.append(times, request.duration)
     times[-1] = request.duration
-    return times
+    return request.begin + times
 
 
 class Stopwatch:

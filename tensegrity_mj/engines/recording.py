@@ -86,7 +86,7 @@ def make_trajectory(
     at += 3 * M
     winch, lost, external = (rows[:, at + column].copy() for column in range(3))
     at += 3
-    if request.start is not None:  # whose ledger has all that was before
+    if request.begin > 0:  # the ledger may have all that was before
         winch, lost, external = (column - column[:1] for column in (winch, lost, external))
     states = rows[:, at : at + (0 if plant is None else plant.elements.states.shape[1])].copy()
     at += states.shape[1]

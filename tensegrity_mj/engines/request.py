@@ -13,7 +13,7 @@ from tensegrity_mj.controllers.scenes import AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.engines.continuing import Start
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -39,6 +39,11 @@ class Request:
         return there and self.actuation.mode is not Mode.CONTINUOUS
 
     @property
+    def begin(self) -> float:
+        """[s]: when it begins."""
+        return float(self.scene.start_time) if self.start is None else self.start.time
+
+    @property
     def intervals(self) -> dict[str, float]:
         """[s] of what fixed steps divide, by what it is."""
         found = {"duration": self.duration}
@@ -47,8 +52,9 @@ class Request:
         if self.sampled:
             assert self.actuation.period is not None
             found["control period"] = self.actuation.period
-        begin = 0.0 if self.start is None else self.start.time
-        breaks = [one for one in self.scene.breaks if begin < one.time < begin + self.duration]
+        if self.begin > 0:
+            found["start"] = self.begin
+        breaks = [one for one in self.scene.breaks if self.begin < one.time < self.begin + self.duration]
         return found | {f"break of string '{one.string}'": one.time for one in breaks}
 
     @property
@@ -56,8 +62,7 @@ class Request:
         """[s] where forces have kinks in any state: times of data that supports follow, or a law at every stage."""
         times = {time for motion in self.scene.motions for time in motion.times}
         times.update(() if self.sampled else self.law.kinks)
-        begin = 0.0 if self.start is None else self.start.time
-        return sorted(time for time in times if begin < time < begin + self.duration)
+        return sorted(time for time in times if self.begin < time < self.begin + self.duration)
 
 
 def request_for(
@@ -88,7 +93,7 @@ def request_for(
         output_interval = positive("output_interval", output_interval, "s")
     if output_interval is not None and output_interval > total * (1 + 1e-12):
         raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
-    check_motions_until(scene, total)
+    check_motions_until(scene, scene.start_time + total)
     controller = law_for(scene, controller)
     law = as_c(controller, scene.structure)
     if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
@@ -121,6 +126,8 @@ def settled(engine: Any, request: Request) -> tuple[Any, Request, list[str]]:
         if isinstance(step, Rounded):
             engine = replace(engine, timestep=h)
     period = found.get("control period", request.actuation.period)
+    if request.sampled and request.begin > 0:
+        whole_ratio(request.begin, float(period or 0), "start over the control period")
     actuation = request.actuation if period is None else Actuation(request.actuation.mode, float(period))
     interval = found.get("output interval")
     return engine, replace(request, duration=found["duration"], output_interval=interval, actuation=actuation), words

@@ -15,6 +15,7 @@ from tensegrity_mj.model.capabilities import (
     CONSTRAINTS,
     ELASTIC,
     ELEMENT_STATES,
+    LATER_START,
     MOVED_SUPPORTS,
     NOT_LINEAR,
     PUSHING_DAMPERS,
@@ -31,6 +32,7 @@ _PUSHING_DAMPERS = Limit(
     "use simulate, or run_many",
     OptionError,
 )
+_LATER = Limit(LATER_START, "its clock begins at 0", "use simulate or run_many, or start_time = 0", OptionError)
 _STATES_AT_REST = Limit(
     ELEMENT_STATES,
     "the states of elements are not solved for",
@@ -45,8 +47,9 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         _STATES_AT_REST,
     ),
     "statics": (_STATES_AT_REST,),
-    "simulate_many": (_PUSHING_DAMPERS,),
+    "simulate_many": (_LATER, _PUSHING_DAMPERS),
     "law_in": (
+        _LATER,
         _PUSHING_DAMPERS,
         Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
@@ -58,6 +61,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
     ),
     "MuJoCo's model": ELASTIC_LIMITS,
     "dm_control models": (
+        _LATER,
         Limit(ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"),
         Limit(
             CLASS_K,

@@ -82,7 +82,7 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         "tf": scene.duration,
     }
     if scene.loads and not callable(scene.loads) and all(load.angular_frequency == 0 for load in scene.loads):
-        values["W"] = scene.nodal_forces(0.0).T
+        values["W"] = scene.nodal_forces(float(scene.start_time)).T
         notes += left_out(scene, (*KEPT, "loads"))
     else:
         notes += left_out(scene, KEPT)

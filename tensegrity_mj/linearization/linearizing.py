@@ -66,7 +66,7 @@ def linearize(
     velocities: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     law: AnyLaw = None,
-    time: float = 0.0,
+    time: float | None = None,
     inputs: Command = Command.REST_LENGTH,
 ) -> Linearization:
     """The linear model of a scene about a state, from an engine's own equations.
@@ -81,7 +81,7 @@ def linearize(
         rest_lengths: (M,) [m]; the structure's by default, or what `law` sets at the state.
         law: closes the loop continuously: A is then A + B ∂v/∂x. None, the default, for the model of the plant alone;
             SCENE_LAW for the scene's own law.
-        time: [s], at which loads and the law are evaluated, and strings have broken or not yet.
+        time: [s], at which loads and the law are evaluated, and strings have broken or not yet; by default the start.
         inputs: what B's columns change. With force densities u, A is that at constant u, too.
 
     Raises:
@@ -95,7 +95,7 @@ def linearize(
     engine = checked_engine(engine, "accelerations")
     law = law_for(scene, law)
     member("inputs", inputs, Command)
-    time = finite("time", time, " [s]")
+    time = float(scene.start_time) if time is None else finite("time", time, " [s]")
     require(None, scene, "linearize")
     structure, contact = scene.structure, scene.contact
     broken = scene.break_times <= time

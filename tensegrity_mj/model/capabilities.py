@@ -137,6 +137,7 @@ FUNCTION_MOTIONS = _first(
     "the motion of '{0.support}' is a Python function", "motions", lambda motion: motion.function is not None
 )
 ELEMENT_STATES = _first("{0.label} has a state (state0)", "elements", lambda one: one.has_state)
+LATER_START = Trait(lambda scene: f"it starts at {scene.start_time:g} s (start_time)" if scene.start_time else "")
 PUSHING_DAMPERS = Trait(_pushing)
 YIELDING = _first("string '{0.name}' yields", "structure.strings", lambda one: one.yields)
 NOT_LINEAR = _first(

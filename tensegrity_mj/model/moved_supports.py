@@ -54,22 +54,22 @@ def check_motions(scene: Scene) -> None:
             )
         if motion.function is not None:
             _check_derivatives(scene, what, motion)
-    check_motions_until(scene, scene.duration)
+    check_motions_until(scene, scene.start_time + scene.duration)
     _check_joints(scene, seen)
 
 
-def check_motions_until(scene: Scene, duration: float) -> None:
-    """Raise SceneError where data would stop, or start, with a jump of the velocity within a run of that length [s]."""
+def check_motions_until(scene: Scene, end: float) -> None:
+    """Raise SceneError where data would stop, or start, with a jump of the velocity within a run until then [s]."""
     for motion in scene.motions:
         if not motion.velocities:
             continue
-        starts = motion.times[0] > 0 and np.any(motion.velocities[0])
-        ends = motion.times[-1] < duration * (1 - TOLERANCE) and np.any(motion.velocities[-1])
+        starts = motion.times[0] > scene.start_time and np.any(motion.velocities[0])
+        ends = scene.start_time <= motion.times[-1] < end * (1 - TOLERANCE) and np.any(motion.velocities[-1])
         if starts or ends:
             raise SceneError(
                 f"motion of '{motion.support}': the data stand still before {motion.times[0]:g} s and after "
                 f"{motion.times[-1]:g} s, but move with {motion.jump}: let them be at rest there, or cover the run of "
-                f"{duration:g} s"
+                f"{end:g} s"
             )
 
 
@@ -84,13 +84,13 @@ def held_directions(rod: Rod) -> Array:
     return null_space_basis(np.array(others).reshape(-1, 3)).T
 
 
-def moved_positions(structure: Structure, motions: Sequence[Motion]) -> Array:
-    """Node positions (N, 3) [m] at t = 0: the reference, everything displaced as the support that it hangs on.
+def moved_positions(structure: Structure, motions: Sequence[Motion], time: float = 0.0) -> Array:
+    """Node positions (N, 3) [m] at a time [s]: the reference, everything displaced as the support that it hangs on.
 
     Rods that hang together by supports which no one displacement fits stay: the scene must say where their nodes are.
     """
     nodes = np.array(structure.positions)
-    starts = {motion.support: motion.at(0.0)[0] for motion in motions}
+    starts = {motion.support: motion.at(float(time))[0] for motion in motions}
     for name in structure.fixed_nodes:
         nodes[structure.node_index[name]] += starts.get(name, np.zeros(3))
     for cluster in structure.clusters:
@@ -103,9 +103,9 @@ def moved_positions(structure: Structure, motions: Sequence[Motion]) -> Array:
 
 
 def velocities_with_supports(
-    structure: Structure, nodes: Array, motions: Sequence[Motion], velocities: Array | None = None
+    structure: Structure, nodes: Array, motions: Sequence[Motion], velocities: Array | None = None, time: float = 0.0
 ) -> Array:
-    """Node velocities (N, 3) [m/s] at t = 0 that fit the motions and change given ones least.
+    """Node velocities (N, 3) [m/s] at a time [s] that fit the motions and change given ones least.
 
     Without `velocities`, rods that hang together start with the one velocity that fits their supports best: at rest in
     the frame of their support, where there is one; points of ropes are at rest in the world. What their supports and
@@ -121,7 +121,7 @@ def velocities_with_supports(
     Raises:
         SceneError: where no velocities fit.
     """
-    starts = {motion.support: motion.at(0.0)[1] for motion in motions}
+    starts = {motion.support: motion.at(float(time))[1] for motion in motions}
     given = np.zeros_like(nodes) if velocities is None else np.array(velocities, float)
     for name in structure.fixed_nodes:
         given[structure.node_index[name]] = starts.get(name, np.zeros(3))
@@ -262,7 +262,7 @@ def _displacements(scene: Scene, motion: Motion) -> Array:
 
 def _instants(scene: Scene) -> Array:
     """Times within the scene, the start among them, and no period's multiples."""
-    return float(scene.duration) * np.sqrt(np.arange(INSTANTS) / INSTANTS)
+    return float(scene.start_time) + float(scene.duration) * np.sqrt(np.arange(INSTANTS) / INSTANTS)
 
 
 def _check_held(what: str, rod: Rod, displacements: Array) -> None:

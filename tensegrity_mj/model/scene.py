@@ -14,7 +14,7 @@ import numpy as np
 from tensegrity_mj.basics import pictured
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
-from tensegrity_mj.basics.kinds import array, choice, part, parts, positive, text, vector
+from tensegrity_mj.basics.kinds import array, choice, not_negative, part, parts, positive, text, vector
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.elastic_rods import ElasticRods
 from tensegrity_mj.model.elements.element import Element
@@ -42,13 +42,14 @@ class Scene:
         structure: what moves.
         name, source: short name; where its numbers come from (thesis page, paper).
         gravity: g [m/s²]; zero by default.
-        initial_nodes: (N, 3) [m] at t = 0; by default the structure's reference nodes, moved with their supports.
+        initial_nodes: (N, 3) [m] at the start; by default the structure's reference nodes, moved with their supports.
         initial_velocities: (N, 3) [m/s]; at rest by default, seen from the supports where these move.
         loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
         breaks: strings that break, each at its time.
         target: what a controller aims at; of the nodes that are no rope's.
         control: the law that the scene is run with unless another is given.
         duration: [s], what the scene is run for unless another duration is given.
+        start_time: [s] at which runs begin; loads, motions, breaks, waves and laws go by the same clock.
         contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
@@ -84,6 +85,7 @@ class Scene:
     water: Water | None = field(part(Water), default=None, none="None")
     elements: tuple[Element, ...] = field(parts(Element, "objects of subclasses of Element"), default=())
     rope_start: RopeStart = field(choice(RopeStart), default=RopeStart.REST)
+    start_time: float = field(not_negative("s"), default=0.0)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -117,20 +119,21 @@ class Scene:
 
     @cached_property
     def nodes0(self) -> Array:
-        """Node positions (N, 3) [m] at t = 0."""
+        """Node positions (N, 3) [m] at the start."""
         if self.initial_nodes is not None:
             return self.initial_nodes
-        return moved_positions(self.structure, self.motions) if self.motions else self.structure.positions
+        motions = self.motions
+        return moved_positions(self.structure, motions, self.start_time) if motions else self.structure.positions
 
     @cached_property
     def velocities0(self) -> Array:
-        """Node velocities (N, 3) [m/s] at t = 0."""
+        """Node velocities (N, 3) [m/s] at the start."""
         if self.initial_velocities is not None:
             return self.initial_velocities
         still = np.zeros_like(self.nodes0)
         if not self.motions:
             return still
-        found = velocities_with_supports(self.structure, self.nodes0, self.motions)
+        found = velocities_with_supports(self.structure, self.nodes0, self.motions, time=self.start_time)
         return with_ropes(self.structure, found, still) if self.rope_start is RopeStart.INTERPOLATED else found
 
     @cached_property

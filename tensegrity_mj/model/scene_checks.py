@@ -33,7 +33,7 @@ def check_scene(scene: Scene) -> None:
         if value is not None:
             check_node_array(structure, what, value)
     check_motions(scene)
-    start = {motion.support: motion.at(0.0) for motion in scene.motions}
+    start = {motion.support: motion.at(float(scene.start_time)) for motion in scene.motions}
     check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
     rates = {name: d[1] for name, d in start.items()}
     check_velocities(structure, scene.nodes0, scene.velocities0, rates, "initial_velocities")
@@ -58,14 +58,14 @@ def _check_loads(scene: Scene) -> None:
             if load.node not in structure.node_index:
                 raise SceneError(f"loads[{number}]: {unknown_node(load.node, structure.nodes)}")
         return
+    at, shape = float(scene.start_time), structure.positions.shape
     try:
-        forces = np.asarray(scene.loads(0.0), float)
+        forces = np.asarray(scene.loads(at), float)
     except Exception as error:
-        raise SceneError(f"loads: the function failed at t = 0: {type(error).__name__}: {error}") from error
-    if forces.shape != structure.positions.shape or not np.all(np.isfinite(forces)):
+        raise SceneError(f"loads: the function failed at t = {at:g}: {type(error).__name__}: {error}") from error
+    if forces.shape != shape or not np.all(np.isfinite(forces)):
         raise SceneError(
-            f"loads: the function gave shape {forces.shape} at t = 0; it must give finite {structure.positions.shape} "
-            "[N]"
+            f"loads: the function gave shape {forces.shape} at t = {at:g}; it must give finite {shape} [N]"
         )
 
 

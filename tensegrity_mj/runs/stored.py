@@ -259,8 +259,9 @@ def _without_functions(scene: Scene, time: Array) -> Scene:
     if any(motion.function is not None for motion in scene.motions):
         # At the recorded times, and on to the end of the scene: data must not stop on their way.
         end = float(time[-1]) if len(time) else 0.0
-        more = np.linspace(end, max(scene.duration, end + 1e-3), 101)[1:]
-        times = np.concatenate([time if len(time) else [0.0], more if scene.duration > end or len(time) < 2 else []])
+        last = scene.start_time + scene.duration
+        more = np.linspace(end, max(last, end + 1e-3), 101)[1:]
+        times = np.concatenate([time if len(time) else [0.0], more if last > end or len(time) < 2 else []])
         motions = [motion if motion.function is None else motion.sampled(times) for motion in scene.motions]
         scene = scene.with_(motions=motions)
     return scene

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.basics.checks import check_known, finite
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.seconds import read
 from tensegrity_mj.basics.texts import at_a_glance
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.rods import lengths
@@ -88,6 +90,11 @@ class Trajectory:
         """[s], of the engine's fixed steps; NaN where it chose its steps."""
         step = self.provenance.get("engine", {}).get("timestep")
         return math.nan if step is None else float(step)
+
+    @property
+    def seconds_per_evaluation(self) -> float:
+        """Wall time [s] of the steps by evaluations of the right-hand side (`cost`); NaN where there were none."""
+        return self.cost.get("wall_time", math.nan) / (self.cost.get("evaluations") or math.nan)
 
     @property
     def element_state_names(self) -> tuple[str, ...]:
@@ -272,11 +279,22 @@ class Trajectory:
 
         return cls(**read_run(path))
 
+    def at(self, time: float | str) -> Trajectory:
+        """The run up to its sample at a time [s], from which `simulate` goes on; OptionError where there is none."""
+        time = finite("time", read(time), " [s]")
+        row = int(np.searchsorted(self.time, time * (1 - 1e-9)))
+        if row == len(self.time) or self.time[row] > time * (1 + 1e-9):
+            beside = " and ".join(f"{one:.9g} s" for one in self.time[max(row - 1, 0) : row + 1])
+            raise OptionError(f"the run of '{self.scene.name}' has no sample at {time:.9g} s; the nearest: {beside}")
+        found = self.until(row + 1)
+        return found if found is self else replace(found, status=Status.COMPLETED, message="")
+
     def until(self, count: int) -> Trajectory:
         """The first `count` samples."""
         if count == len(self.time):
             return self
-        return replace(self, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
+        kept = {key: one for key, one in self.provenance.items() if key != "end"}  # the state of another time
+        return replace(self, provenance=kept, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
 
 
 assert {*VARIABLES, *STATES, *DICTIONARIES} < {f.name for f in fields(Trajectory)}

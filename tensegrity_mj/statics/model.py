@@ -170,12 +170,12 @@ class StaticModel:
     def element_forces(self, x: Array) -> Array:
         """(3N,) [N]: minus the gradient of the elements' energy at x (3N,)."""
         nodes = x.reshape(-1, 3)
-        return forces_of(self.elements, self.scene, 0.0, nodes, np.zeros_like(nodes)).ravel()
+        return forces_of(self.elements, self.scene, float(self.scene.start_time), nodes, np.zeros_like(nodes)).ravel()
 
     def element_stiffness(self, x: Array) -> Array:
         """(3N, 3N) [N/m] the Hessian of the elements' energy at x (3N,), symmetric."""
         nodes = x.reshape(-1, 3)
-        K = slopes_of(self.elements, self.scene, 0.0, nodes, np.zeros_like(nodes))[0]
+        K = slopes_of(self.elements, self.scene, float(self.scene.start_time), nodes, np.zeros_like(nodes))[0]
         return np.asarray(0.5 * (K + K.T))
 
     @cached_property
@@ -382,7 +382,7 @@ def _braces(structure: Structure) -> IntArray:
 def steady_forces(scene: Scene, nodes: Array) -> Array:
     """(N, 3) [N]: what loads, wind, water and elements without energy push nodes (N, 3) with, at rest at t = 0."""
     others = [one for one in scene.effects if one.work is not Work.STORED]
-    return forces_of(others, scene, 0.0, nodes, np.zeros_like(nodes))
+    return forces_of(others, scene, float(scene.start_time), nodes, np.zeros_like(nodes))
 
 
 def weights_and_loads(scene: Scene, nodes: Array) -> Array:

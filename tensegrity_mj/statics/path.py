@@ -107,9 +107,10 @@ class Path:
         return np.array([state.reactions[rows].sum(axis=0) for state in self.states])
 
     def reaction_rate(self, nodes: Sequence[str]) -> Array:
-        """(P, 3) [N]: dF/ds of these nodes' reaction: divided by the displacement at s = 1, the tangent stiffness.
+        """(P, 3) [N]: dF/ds of the sum of these nodes' reactions, as `reaction` has it, by the path's parameter s.
 
-        At a limit point it has a pole.
+        Divided by the nodes' displacement at s = 1 [m], it is the tangent stiffness [N/m] (appendix C's beams). At a
+        limit point it has a pole.
         """
         rows = self._rows(nodes)
         out = np.zeros((len(self.states), 3))

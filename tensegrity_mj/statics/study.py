@@ -351,7 +351,7 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
     pushing = [
         "wind" if one.label == "resistance" else one.label
         for one in others
-        if np.any(forces_of([one], scene, 0.0, model.start, still))
+        if np.any(forces_of([one], scene, float(scene.start_time), model.start, still))
     ]
     wet = bool(scene.adding_mass)
     notes = {

@@ -55,7 +55,7 @@ def _bent(late: bool) -> Callable[[Trajectory], Any]:
     def largest(run: Trajectory) -> Any:
         if not is_tower(run.scene.structure) or not len(run.time):
             return None
-        rows = run.time >= (0.75 * run.scene.duration if late else 0.0)
+        rows = run.time >= (run.scene.start_time + 0.75 * run.scene.duration if late else 0.0)
         return np.max(deformation(run)[rows]) if rows.any() else None
 
     return largest

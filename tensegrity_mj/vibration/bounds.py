@@ -49,7 +49,7 @@ class Bounds(NamedTuple):
 
 
 def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, rest_lengths: Array) -> Bounds:
-    """Bounds at t = 0 and a state, (N, 3) [m] and [m/s], with rest lengths (M,) [m].
+    """Bounds at the start and a state, (N, 3) [m] and [m/s], with rest lengths (M,) [m].
 
     (Σ a)² <= n Σ a² of n terms makes a sum over bodies of the quadratic form of a string, along it with a term for
     either end of each segment, across it for the two ends of one; the largest eigenvalue of a body is at most the sum
@@ -58,7 +58,7 @@ def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, res
     structure = scene.structure
     paths = structure.paths
     i, j = paths.nodes.T
-    state = State(scene, bodies, nodes, velocities, 0.0)
+    state = State(scene, bodies, nodes, velocities, float(scene.start_time))
     length, s = state.segments
     B = len(bodies.mass)
     ends_free = (bodies.body[i] < B).astype(float) + (bodies.body[j] < B)

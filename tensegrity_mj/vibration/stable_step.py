@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import NoneType
 from typing import Any
 
@@ -101,7 +101,8 @@ class StepSearch:
         actuation: continuous by default.
         nodes, velocities: (N, 3) the state; the scene's start by default.
         rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
-        time: [s], at which loads and law are evaluated, supports have moved, and strings have broken or not yet.
+        time: [s], at which loads and law are evaluated, supports have moved, and strings have broken or not yet; the
+            scene's start by default.
         run: a run of this structure instead of a state: the smallest limit of its configurations.
 
     Raises:
@@ -121,10 +122,13 @@ class StepSearch:
     nodes: ArrayLike | None = None
     velocities: ArrayLike | None = None
     rest_lengths: ArrayLike | None = None
-    time: float = 0.0
+    time: float | None = None
     run: Trajectory | None = None
 
     def __call__(self) -> StableStep:
+        instance("scene", self.scene, Scene, "use a Scene, or load_scene(name or path)")
+        if self.time is None:
+            return replace(self, time=self.scene.start_time)()
         scene, run = self.scene, self.run
         self._check()
         stepping = self.engine.stepping
@@ -142,7 +146,6 @@ class StepSearch:
             return step_of(model, stepping, self.time)
 
     def _check(self) -> None:
-        instance("scene", self.scene, Scene, "use a Scene, or load_scene(name or path)")
         engine = self.engine
         if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
             raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
@@ -166,7 +169,7 @@ class StepSearch:
             v = real_array("velocities", self.velocities, shape, "m/s", False)
         rest = self.rest_lengths
         L0 = None if rest is None else real_array("rest_lengths", rest, (len(structure.strings),), "m")
-        moved = {motion.support: motion.at(float(self.time))[0] for motion in scene.motions}
+        moved = {motion.support: motion.at(float(self.time or 0.0))[0] for motion in scene.motions}
         check_configuration(structure, x, "stable_step: nodes", moved)
         return x, v, L0
 

@@ -152,9 +152,9 @@ def _checked(
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
     loop = Loop(scene, bodies, LawAtStates(scene, law) if pure else None, actuation.mode)
-    model = loop.at(scene.nodes0, scene.velocities0, None, 0.0)
+    model = loop.at(scene.nodes0, scene.velocities0, None, float(scene.start_time))
     if not is_stable(model, scheme, step, stepping.constraints):
-        found = step_of(model, stepping, 0.0)
+        found = step_of(model, stepping, float(scene.start_time))
         return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, stepping, step)
     return {"step": step, "checked": True, "exceeded": False}, ""
 

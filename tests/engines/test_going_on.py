@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ def test_what_cannot_go_on_says_why() -> None:
     for run, engine, message in (
         (first, tmj.DAE(), "the run to go on from is of MuJoCo"),
         (rest, tmj.MuJoCo(H), "has reached the scene's duration"),
-        (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be gone on from"),
+        (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be gone on from.*string 'y' yields"),
         (first, tmj.MuJoCo(3e-3), "no multiple"),
     ):
         with pytest.raises(tmj.errors.OptionError, match=message):
@@ -121,3 +122,44 @@ def test_the_command_goes_on_from_a_file(tmp_path: Path, capsys: pytest.CaptureF
     check(tmj.simulate("prism", duration=0.1), tmj.Trajectory.load(second))
     assert main(["run", "tbar", "--from", first]) == 2
     assert "a run of scene 'prism', whose nodes are others" in capsys.readouterr().err
+
+
+def still(**more: Any) -> tmj.Scene:
+    """As `hung`, of strings that do not yield."""
+    scene = hung(**more)
+    strings = [replace(one, curve=(), yields=False) for one in scene.structure.strings]
+    return scene.with_(structure=replace(scene.structure, strings=strings))
+
+
+def test_a_run_goes_on_from_any_of_its_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the DAE, whose coordinates of point masses are the nodes, to the bit."""
+    engine = ENGINES["DAE"]
+    whole = tmj.simulate(still(), None, engine, output_interval=0.01)
+    assert whole.at(0.1).provenance is whole.provenance
+    check(whole, tmj.simulate(whole.at("1/25"), None, engine, output_interval=0.01))
+    file, rest = str(whole.save(tmp_path / "run.nc")), str(tmp_path / "rest.nc")
+    scene = str(tmj.save_scene(still(), tmp_path / "still.toml"))
+    given = ["run", scene, "--engine", "dae", "--method", "rk4", "--timestep", "1e-3", "--output-interval", "0.01"]
+    assert main([*given, "--from", f"{file}@0.04", "--out", rest]) == 0
+    check(whole, tmj.Trajectory.load(rest))
+    assert main([*given, "--from", f"{file}@0.044"]) == 2
+    assert "has no sample at 0.044 s; the nearest: 0.04 s and 0.05 s" in capsys.readouterr().err
+    assert main([*given, "--from", f"{file}@soon"]) == 2
+    assert "time = 'soon'; it must be a finite number [s]" in capsys.readouterr().err
+    with pytest.raises(tmj.errors.OptionError, match=r"no sample at 0\.2 s; the nearest: 0\.1 s"):
+        whole.at(0.2)
+    # The kept state is that of the end alone.
+    assert "end" in whole.provenance
+    assert "end" not in whole.until(3).provenance
+
+
+def test_samples_that_lack_a_part_of_the_state_are_refused_by_name() -> None:
+    prism = {"duration": 0.05, "timestep": H}
+    for run, message in (
+        (tmj.simulate(hung(), timestep=H), "string 'y' yields"),
+        (tmj.simulate("prism_drop", None, duration=0.05, timestep=5e-4), "scene 'prism_drop' has contact"),
+        (tmj.simulate("prism", actuation=tmj.Actuation.hold_rest_length(0.01), **prism), "winches hold what they were"),
+        (tmj.simulate("prism", on_infeasible="passive", **prism), "rest lengths may be held"),
+    ):
+        with pytest.raises(tmj.errors.OptionError, match=rf"gone on from at 0\.02 s: .*{message}.*; the whole"):
+            tmj.simulate(run.at(0.02), timestep=H)

@@ -55,8 +55,8 @@ def test_every_name_is_there_and_stands_once(room: str) -> None:
     assert not {name for name in written if not isinstance(getattr(module, name), ModuleType)} & own
 
 
-def test_the_package_has_at_most_40_names() -> None:
-    assert len(tmj.__all__) <= 40
+def test_the_package_has_at_most_41_names() -> None:
+    assert len(tmj.__all__) <= 41
     used = set(re.findall(r"\btmj\.(\w+)", (ROOT / "README.md").read_text(encoding="utf-8")))
     assert used <= set(tmj.__all__)
     namespace: dict[str, object] = {}

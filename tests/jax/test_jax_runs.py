@@ -340,3 +340,28 @@ def test_who_waits_for_a_run_reads_why_beside_the_bar(
     monkeypatch.setattr(programs, "QUIET", 0.0)
     tmj.simulate(hanging(), None, FIXED, **SHORT)
     assert capsys.readouterr().err.startswith("tensegrity-mj: JAX prepares this run; what it compiles is kept")
+
+
+@pytest.mark.parametrize("engine", [FINE, tmj.JAX(method="rk4", timestep=2e-3)], ids=["dopri8", "rk4"])  # type: ignore[arg-type]
+def test_runs_begin_later(engine: tmj.JAX) -> None:
+    """From the state that a run has at 0.1 s, its rest: supports go on, strings are broken by then or break later.
+
+    Both runs keep their tolerance; those of RK4 round alike but for coordinates of the new start: far below it.
+    """
+    scene = SCENES["paths, moved supports"]()
+    names = [string.name for string in scene.structure.strings]
+    scene = scene.with_(breaks=(tmj.model.Break(names[0], 0.04), tmj.model.Break(names[1], 0.16)))
+    whole = tmj.simulate(scene, None, engine, duration=0.2, output_interval=INTERVAL)
+    row = int(np.argmin(np.abs(whole.time - 0.1)))
+    state = {"initial_nodes": whole.nodes[row], "initial_velocities": whole.velocities[row]}
+    late = scene.with_(start_time=0.1, duration=0.1, **state)
+    second = tmj.simulate(late, None, engine, output_interval=INTERVAL)
+    np.testing.assert_allclose(second.time, whole.time[row:], rtol=0, atol=1e-15)
+    assert np.abs(second.nodes - whole.nodes[row:]).max() < FLOOR
+    np.testing.assert_allclose(second.tensions, whole.tensions[row:], rtol=0, atol=1e-7)
+    assert not second.tensions[:, 0].any()
+    assert second.tensions[0, 1] > 0 == second.tensions[-1, 1]
+    assert np.abs(second.energy_balance).max() < max(ENERGY_FLOOR, 2 * whole.energy_residual)
+    # And of one state at that time.
+    one, other = (tmj.accelerations(late, None, which) for which in (engine, "dae"))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())

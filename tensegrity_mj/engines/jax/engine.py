@@ -125,8 +125,8 @@ class JAX:
         """A run as an array function of its parameters; arguments as `simulate`.
 
         Args:
-            times: (T,) [s] at which the run is recorded in place of `output_interval`, rising from 0 or later; of
-                DOPRI8 alone. The last is the run's duration.
+            times: (T,) [s] at which the run is recorded in place of `output_interval`, rising from its start or later;
+                of DOPRI8 alone. The last ends the run.
 
         Warns:
             DerivativeWarning: of damped strings, whose jumps derivatives miss where they come taut, with DOPRI8 and
@@ -144,8 +144,9 @@ class JAX:
             )
         found = None
         if times is not None:
-            found = self._instants(times, duration, output_interval)
-            duration = float(found[-1])
+            begin = float(scene.start_time)
+            found = self._instants(times, duration, output_interval, begin)
+            duration = float(found[-1]) - begin
         options = duration, actuation, OnInfeasible.STOP, output_interval, False
         request = request_for(scene, controller, *options, lambda law, _: NativeLaw(0, 0, (), own=law))
         engine, request, _ = settled(self, request)
@@ -159,15 +160,15 @@ class JAX:
             )
         return Program(engine, request, found)
 
-    def _instants(self, times: ArrayLike, duration: float | None, output_interval: float | None) -> Array:
+    def _instants(self, times: ArrayLike, duration: float | None, interval: float | None, begin: float) -> Array:
         """`times` of `model` (T,), checked."""
         if self.method is Method.RK4:
             raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
-        if duration is not None or output_interval is not None:
+        if duration is not None or interval is not None:
             raise OptionError("times: they have duration and output_interval in them; leave these out")
         found = real_array("times", times, shape_of(times) or (2,), "s", scalar=False)
-        if found.ndim != 1 or len(found) < 2 or found[0] < 0 or np.any(np.diff(found) <= 0):
-            raise OptionError(f"times = {value_text(times)}; two or more must rise from 0 s or later")
+        if found.ndim != 1 or len(found) < 2 or found[0] < begin or np.any(np.diff(found) <= 0):
+            raise OptionError(f"times = {value_text(times)}; two or more must rise from {begin:g} s or later")
         return found
 
     def accelerations(self, request: Request) -> Accelerations:

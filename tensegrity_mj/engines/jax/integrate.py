@@ -63,10 +63,10 @@ class FixedSteps:
     def pieces(self, split: Split) -> Iterator[Piece]:
         """Of as many rows as `split` says; a shorter last row is a piece of its own."""
         rows, rest = divmod(self.grid.count, self.grid.stride)
-        first = 0
+        first = begin = self.grid.first
         for kind in chain(((size, self.grid.stride) for size in split(rows)), [(1, rest)] * (rest > 0)):
             end = first + kind[0] * kind[1]
-            yield Piece(kind, first, slice(min(first, 1), None), end * self.grid.step)
+            yield Piece(kind, first, slice(int(first > begin), None), end * self.grid.step)
             first = end
 
     def advance(
@@ -120,19 +120,19 @@ class Tolerances(NamedTuple):
 
 
 class ControlledSteps:
-    """Steps of Dopri8, recorded at times (T,), anew from where strings break, at times (M,), ∞ for never."""
+    """Steps of Dopri8 from `begin` on, recorded at times (T,), anew where strings break, at times (M,), ∞ for never."""
 
     stages, stride = 13, 1  # steps a row, as far as they are known
 
-    def __init__(self, times: Array, breaks: Array, tolerances: Tolerances) -> None:
+    def __init__(self, begin: float, times: Array, breaks: Array, tolerances: Tolerances) -> None:
         near = times[np.argmin(np.abs(times - breaks[:, None]), axis=1)]
         # The very float of a recorded time where they coincide, so that no sliver of a step lies between.
         self.breaks = np.where(np.abs(near - breaks) <= 1e-12 * near, near, breaks)
-        self.times, self.tolerances = times, tolerances
+        self.begin, self.times, self.tolerances = begin, times, tolerances
 
     def pieces(self, split: Split) -> Iterator[Piece]:
         """Of as many of the times as `split` says, and where strings break another one."""
-        start, before = 0.0, self.breaks > 0
+        start, before = self.begin, self.breaks > self.begin
         ends = np.unique([*self.breaks[before & (self.breaks <= self.times[-1])], self.times[-1]])
         if ends[-1] in self.breaks:  # what breaks at the end is recorded as broken
             ends = np.append(ends, np.nextafter(ends[-1], np.inf))

@@ -111,14 +111,15 @@ class Model:
         return Prepared(parameters, None if self.system.wet else self.system.mobility(parameters))
 
     def start(self, at: Prepared) -> tuple[State, Held]:
-        """The state at t = 0, and what is held from there."""
+        """The state at the start, and what is held from there."""
         nodes, velocities = (jnp.asarray(at.parameters[name]) for name in ("nodes", "velocities"))
-        places, rates = self.system.state(nodes, velocities)
+        begin = float(self.scene.start_time)
+        places, rates = self.system.state(nodes, velocities, begin)
         batch = nodes.shape[2:]
         state = State(places, rates, jnp.zeros((WORKS, *batch)))
         rest = jnp.broadcast_to(lifted(at.parameters["rest_lengths"], state.works), (len(self.whole), *batch))
         held = Held(rest, jnp.full((len(Report), *batch), np.nan))
-        return (state, held) if not self.sampled else self.sample(at, 0.0, state, held, self.whole, first=True)
+        return (state, held) if not self.sampled else self.sample(at, begin, state, held, self.whole, first=True)
 
     def _command(self, at: Prepared, t: Any, x: Any, v: Any, lengths: Any) -> tuple[Any, Any]:
         """The law's command (M, ...) within its limits, and its report."""

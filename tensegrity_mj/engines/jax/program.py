@@ -74,7 +74,7 @@ class Program:
             )
         else:
             times = output_times(request) if times is None else times
-            self.steps = ControlledSteps(times, scene.break_times, engine.tolerances)
+            self.steps = ControlledSteps(request.begin, times, scene.break_times, engine.tolerances)
         self.times = self.steps.times
         self.kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
         self._compiling = threading.Lock()
@@ -116,7 +116,8 @@ class Program:
             at = model.prepare({**p, "rest_lengths": rest})
             places, rates = model.system.state(nodes, velocities, t)
             state = State(places, rates, jnp.zeros(WORKS))
-            _, observed, accelerations = model.evaluate(at, t, state, Held(rest, jnp.zeros(5)), model.whole)
+            whole = (self.request.scene.break_times > t).astype(float)
+            _, observed, accelerations = model.evaluate(at, t, state, Held(rest, jnp.zeros(5)), whole)
             return observed.nodes, accelerations
 
         def at(t: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
@@ -136,8 +137,8 @@ class Program:
 
         def begin(model: Model, p: Any) -> tuple[Prepared, State, Held, Observed]:
             at, state, held = begun(model, p)
-            whole = (self.request.scene.break_times > 0).astype(float)
-            return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, 0.0, state, held, whole)[1])
+            t, whole = self.request.begin, (self.request.scene.break_times > self.request.begin).astype(float)
+            return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, t, state, held, whole)[1])
 
         at, state, held, row = compiled(partial(begin, model), self.parameters)(self.parameters)
         parts: list[Any] = []

@@ -168,7 +168,7 @@ class LocatedRun(MuJoCoRun):
             super()._advance(first, count)
             self._evaluations = super().evaluations
             return
-        if first == 0:
+        if first == self.grid.first:
             self._see()
         try:
             for number in range(first, first + count):

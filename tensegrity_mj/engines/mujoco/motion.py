@@ -155,7 +155,8 @@ def set_supports(scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table
     masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, len(paths.nodes)))
     at = 0
     for body, before, axes, number in places:
-        origin = (start or scene).motions[number].at(0.0)[0]
+        made = start or scene
+        origin = made.motions[number].at(float(made.start_time))[0]
         for k, axis in enumerate(axes.T):
             slide = slides[at]
             slide["motion"], slide["axis"], slide["offset"] = number, axis, axis @ origin

@@ -117,8 +117,7 @@ class MuJoCoRun:
         set_answering(scene, self.tree, self.model, plant)
         if request.start is not None:
             request.start.put_back(plant, **self._own)
-            self.counters[STEP] = self.grid.first
-            self.data.time = request.start.time
+        self.counters[STEP], self.data.time = self.grid.first, request.begin
 
     @property
     def _own(self) -> dict[str, Array]:

@@ -77,7 +77,7 @@ class ErrorControlled:
         self.run, self.options, self.request = run, run.options, run.request
         self.table, self.plant = run.table, run.plant
         self.kind = DOP853 if run.options.method is Method.DOP853 else Radau
-        self.t, self.y = 0.0, run.y
+        self.t, self.y = run.request.begin, run.y
         self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
         self.solver: Any = None
         self.dense: Any = None  # of the last step, once it was needed
@@ -95,7 +95,7 @@ class ErrorControlled:
         Raises:
             DivergenceError: where the solver cannot go on, or energy comes from nowhere.
         """
-        rates(0.0, self.y, np.empty(len(self.y)), self.table)  # compiles
+        rates(self.t, self.y, np.empty(len(self.y)), self.table)  # compiles
         self.clock = Stopwatch(self.request)
         # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
         # the solver steps onto the output times.
@@ -128,17 +128,17 @@ class ErrorControlled:
         if guard(self.y, self.table) == SINGULAR:
             start_ledger(self.table)
             raise _Singular
-        break_due_strings(0.0, self.y, self.table)
+        break_due_strings(self.t, self.y, self.table)
         if self.request.sampled:
             self._sample()
-        _, status = self._rhs_status(0.0, self.y)
-        watch_strings(self.table, 0.0, self.continuous and status == SOLVED)
+        _, status = self._rhs_status(self.t, self.y)
+        watch_strings(self.table, self.t, self.continuous and status == SOLVED)
         start_ledger(self.table)
         if self.continuous and status == NO_SOLUTION:
             self._suspend()
         elif self.continuous:
             remember(self.table)
-        self._record(0.0, self.y, while_before=math.ulp(0.0))
+        self._record(self.t, self.y, while_before=math.nextafter(self.t, math.inf))
 
     def _sample(self) -> None:
         status = int(sample_law(self.t, self.y, self.table))

@@ -64,6 +64,8 @@ class IntegratedRun:
         scene, nq = request.scene, records.nq
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
+        if scene.motions:
+            y[2 * nq] = request.begin
         self.multipliers = np.zeros(len(scene.structure.rods) + equations.extra)
         functions = {name: getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
         functions["rates"] = kernels.rates_of_state
@@ -85,6 +87,9 @@ class IntegratedRun:
         if rest_lengths is not None:
             self.plant["held"][:] = rest_lengths
         out = np.empty(len(y))
+        if self.request.scene.motions:
+            y[2 * self.records.nq] = time
+        kernels.break_due_strings(time, y, self.table)
         if SINGULAR in (kernels.guard(y, self.table), status := kernels.rates(time, y, out, self.table)):
             raise OptionError(self.equations.explain_singular(time))
         self.plant.raise_if_failed(max(status, self.plant["status"]), time)

@@ -33,10 +33,11 @@ def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[f
                 f"control period = {period:g} s: a run of {request.duration:g} s samples the law {count:.3g} times; at "
                 f"most {MOST_SAMPLES} samples are taken: choose a longer period or a shorter run"
             )
-        for number in range(1, math.floor(count) + 1):
+        begun = math.floor(request.begin / period * (1 + 1e-12))
+        for number in range(begun + 1, math.floor((request.begin + request.duration) / period * (1 + 1e-12)) + 1):
             add(number * period, 1e-9 * period, is_sample=True)
     for time in request.scene.break_times:
-        if 0 < time <= request.duration:
+        if times[0] < time <= times[-1]:
             add(float(time), 1e-12 * time, is_sample=False)
     marks = {time: (True, is_sample) for time, is_sample in jumps.items()}
     if with_outputs:
@@ -44,7 +45,7 @@ def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[f
             marks.setdefault(float(time), (False, False))
     for motion in request.scene.motions:  # a derivative of data jumps at each of their times
         for time in motion.times:
-            if 0 < time < times[-1]:
+            if times[0] < time < times[-1]:
                 marks.setdefault(float(time), (False, False))
     marks.setdefault(float(times[-1]), (False, False))
     return [(time, *what) for time, what in sorted(marks.items())]

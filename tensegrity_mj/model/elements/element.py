@@ -282,13 +282,14 @@ def check_elements(scene: Scene) -> None:
         element.check(scene)
         try:
             state = [_state_at_start(element, scene)] if element.has_state else []
-            acted(element, scene, 0.0, scene.nodes0, scene.velocities0, *state)
+            acted(element, scene, float(scene.start_time), scene.nodes0, scene.velocities0, *state)
             if state:
-                rated(element, scene, 0.0, scene.nodes0, scene.velocities0, *state)
+                rated(element, scene, float(scene.start_time), scene.nodes0, scene.velocities0, *state)
         except SceneError:
             raise
         except Exception as error:
-            raise SceneError(f"{what} ({element.label}) failed at t = 0: {type(error).__name__}: {error}") from error
+            at = f"t = {scene.start_time:g}"
+            raise SceneError(f"{what} ({element.label}) failed at {at}: {type(error).__name__}: {error}") from error
 
 
 def _state_at_start(element: Element, scene: Scene) -> Array:

@@ -24,7 +24,8 @@ SUPPORT_KEYS = {
 }
 TUBE_KEYS = ("outer_radius", "wall", "elasticity_modulus", "yield_stress")
 # In the order in which they are written: those of a line each, and those with a section of their own.
-SCENE_LINES = ("gravity", "duration", "rope_start", "loads", "breaks", "motions", "contact", "resistance", "elements")
+SCENE_LINES: tuple[str, ...] = ("gravity", "duration", "start_time", "rope_start", "loads", "breaks", "motions")
+SCENE_LINES += ("contact", "resistance", "elements")
 SCENE_SECTIONS = ("water", "initial_nodes", "initial_velocities", "target", "control")
 # Those that are written as what they make, of nodes and of motions.
 SCENE_KEYS = (*SCENE_LINES, *SCENE_SECTIONS, "whole", "ground")

@@ -64,7 +64,11 @@ def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike) -> Extremes:
 
 
 def response_amplitude(time: ArrayLike, values: ArrayLike, rates: ArrayLike) -> float:
-    """A_i of §3.3.4 [m]: `Extremes.amplitude` of `extremes`."""
+    """A_i of §3.3.4 [m], the largest distance of two successive peaks: `Extremes.amplitude` of `extremes`.
+
+    Args:
+        time, values, rates: (T,) [s], [m] and [m/s] of one component of a point, from the first time on that counts.
+    """
     return extremes(time, values, rates).amplitude
 
 

@@ -100,7 +100,9 @@ class Case:
         )
 
     def excited(self) -> Scene:
-        """The scene of the case."""
+        """The scene of the case (§3.3.3): the chain with the motion of its top [m], leaning by the seed, at rest in the
+        frame of `start` at t = 0; what `run_cases` simulates with the case's engine.
+        """
         structure, (axis, _, up) = self.scene.structure, _axes(self.scene, self.direction)
         chain = Chain.of(structure)
         top = structure.rods[int(chain.rods[0])].name
