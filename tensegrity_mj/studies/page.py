@@ -51,8 +51,9 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     Raises:
         OptionError: a measure that there is not, a path that cannot be written.
     """
-    measures = check_measures(measures)
+    wanted = check_measures(measures)
     scene, rows = cast(Scene, sweep.scene), rows_of(study)
+    measures = [name for name in wanted if any(row.values.get(name) is not None for row in rows)]
     several = [axis.axes[0] for axis in sweep.axes]
     axes = [axis.parameter for axis in several if len(axis.values) > 1]
     drawn = [draw.parameter for draw in sweep.draws]
@@ -70,7 +71,9 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     note = (
         f"The first {MOST_ROWS} of {len(rows)} points; the others are in result.json." if len(rows) > MOST_ROWS else ""
     )
-    meanings = [[name, MEASURES[name].meaning, MEASURES[name].unit] for name in measures]
+    if without := ", ".join(measure_label(name) for name in wanted if name not in measures):
+        note = f"{note} No point has a value of: {without}.".strip()
+    meanings = [[name, MEASURES[name].meaning, MEASURES[name].unit] for name in wanted]
     tables = [
         Table("Points", heads, lines, note, folded=len(lines) > LONG),
         Table("What was kept", ["measure", "meaning", "unit"], meanings, folded=True),
@@ -211,6 +214,8 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
     everything = np.concatenate([cell[np.isfinite(cell)] for cell in cells])
     from matplotlib.colors import LogNorm, Normalize
 
+    from tensegrity_mj.pictures.ticks import prefix_ticks
+
     low, high = (float(everything.min()), float(everything.max())) if everything.size else (0.0, 1.0)
     norm = LogNorm(low, high) if low > 0 and high > WIDE * low else Normalize(low, high)
     mesh: Any = None
@@ -227,6 +232,7 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
     bar = figure.colorbar(mesh, ax=list(panels))
     bar.set_label(measure_label(measure), fontsize=9)
     bar.ax.tick_params(labelsize=8)
+    prefix_ticks(bar.ax)
     return figure
 
 

@@ -23,6 +23,8 @@ from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.web import make_web_page
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.studies.page import figures as sweep_figures
+from tensegrity_mj.studies.table import Row
 
 
 def shaken() -> Trajectory:
@@ -103,6 +105,20 @@ def test_under_a_law_without_a_target_rest_lengths_are_shown() -> None:
     panels = plots.plot_run(run).subfigs[0].axes
     assert [panel.get_ylabel() for panel in panels] == ["height [m]", "tension [N]", "rest length [m]", "force [N]"]
     assert np.allclose(panels[2].lines[0].get_ydata(), run.rest_lengths[:, :3].mean(axis=1))
+
+
+def test_the_scale_of_a_sweeps_map_has_a_prefix() -> None:
+    names = ["law.amplitude", "engine.timestep"]
+    rows = [
+        Row({names[0]: a, names[1]: h}, "completed", "", {"energy_residual": a * h})
+        for a in (1, 2)
+        for h in (1e-5, 2e-5)
+    ]
+    (picture,) = sweep_figures(rows, names, [], ["energy_residual"])
+    picture.figure.draw_without_rendering()
+    scale = picture.figure.axes[-1]
+    assert scale.get_ylabel() == "energy residual [µJ]"
+    assert max(float(text.get_text()) for text in scale.get_yticklabels()) >= 40
 
 
 def test_a_page_has_one_prefix_for_forces(tmp_path: Path) -> None:

@@ -597,6 +597,8 @@ def test_the_page_holds_plots_and_every_point(axes: Any, draws: Any, pictures: i
     assert "http://" not in text
     assert "https://" not in text
     assert "largest tension of a string" in text
+    assert "No point has a value of: holding ratio" in text
+    assert "<th>holding ratio" not in text
     assert "thesis" in text.lower() or "Tensegrity" in text
     with pytest.raises(OptionError, match="no measure 'speed'; allowed: status"):
         tmj.studies.write_sweep_page(tmp_path / "page.html", sweep, study, ["speed"])
