@@ -162,6 +162,8 @@ def _goes_on(
     run: Trajectory, duration: float | None, actuation: Actuation | None
 ) -> tuple[Scene, float, Actuation | None]:
     """The scene of a run that goes on, for how long, and how its law acts."""
+    if not len(run.time):
+        raise OptionError("the run has no samples (it ended at its start): there is nothing to go on from")
     end = run.scene.start_time + run.scene.duration
     left = end - float(run.time[-1]) if duration is None else duration
     if duration is None and left <= 0:

@@ -103,6 +103,7 @@ def test_what_cannot_go_on_says_why() -> None:
         (rest, tmj.MuJoCo(H), "has reached the scene's duration"),
         (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be gone on from.*string 'y' yields"),
         (first, tmj.MuJoCo(3e-3), "no multiple"),
+        (first.until(0), tmj.MuJoCo(H), "the run has no samples"),
     ):
         with pytest.raises(tmj.errors.OptionError, match=message):
             tmj.simulate(run, engine=engine)
