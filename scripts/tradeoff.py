@@ -19,8 +19,8 @@ from tensegrity_mj.basics.files import made_folder, replacing, write_text
 from tensegrity_mj.basics.texts import file_name, markdown_table
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.studies.tradeoff import advising
-from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
-from tensegrity_mj.studies.tradeoff.options import BUDGET
+from tensegrity_mj.studies.tradeoff.experiments import BUDGET
+from tensegrity_mj.studies.tradeoff.page import Cost, diagram, has_diagram
 
 Data = Mapping[str, Any]
 

@@ -14,14 +14,14 @@ from tensegrity_mj.commands.experiment import law_options_of
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
     from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.tradeoff.advising import sentences
-    from tensegrity_mj.studies.tradeoff.figure import has_diagram
+    from tensegrity_mj.studies.tradeoff.page import has_diagram
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
     chosen = _options(options)
@@ -47,7 +47,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def _options(options: argparse.Namespace) -> TradeoffOptions:
     from tensegrity_mj.basics.fields import item_of
-    from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
 
     fields = item_of(TradeoffOptions).keys
     given = {name: value for name, value in vars(options).items() if name in fields and value is not None}

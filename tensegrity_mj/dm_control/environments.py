@@ -27,9 +27,8 @@ from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import State, Task, target_distance
+from tensegrity_mj.studies.tasks.definition import RandomStart, State, Task, displace, target_distance
 from tensegrity_mj.studies.tasks.robots import task_of
-from tensegrity_mj.studies.tasks.starts import RandomStart, displace
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment

@@ -13,7 +13,7 @@ from tensegrity_mj.basics import matfile
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.exchange.draft import AXES, held_axes
-from tensegrity_mj.exchange.losses import left_out
+from tensegrity_mj.exchange.tables import left_out
 from tensegrity_mj.model.rods import own_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure_checks import check_bars_alone

@@ -61,7 +61,7 @@ def read(path: Path, options: ImportOptions) -> Draft:
     try:
         draft = draft_of(Variables(path, values, ()), options)
     except FormatError as error:
-        more = f"; not read as data: {_first(unread)}" if unread else ""
+        more = f"; not read as data: {'; '.join(unread[:3])}{'; ...' * (len(unread) > 3)}" if unread else ""
         raise FormatError(f"{error}{more}") from None
     if unread:
         draft.notes.append(f"not read, as it is no data: {'; '.join(unread)}")
@@ -363,7 +363,3 @@ class _Evaluator:
 def _shortened(text: str) -> str:
     line = printable(" ".join(text.replace("$", "'...'").split()))
     return shortened(line, MOST_SHOWN)
-
-
-def _first(unread: list[str]) -> str:
-    return "; ".join(unread[:3]) + ("; ..." if len(unread) > 3 else "")

@@ -20,8 +20,7 @@ import numpy as np
 
 from tensegrity_mj.basics.files import checked, table_beside, write_text
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
-from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
+from tensegrity_mj.engines.mujoco.mjcf_tree import distinct, numbers
 from tensegrity_mj.engines.mujoco.mjcf_versions import fit
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.exchange.mjcf_text import parsed, remarks

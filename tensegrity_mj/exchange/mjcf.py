@@ -19,8 +19,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.exchange.draft import ALL, Draft
-from tensegrity_mj.exchange.mjcf_inertia import NEAR, rod_of_body
-from tensegrity_mj.exchange.mjcf_strings import strings_of
+from tensegrity_mj.exchange.mjcf_strings import NEAR, rod_of_body, strings_of
 from tensegrity_mj.exchange.mjcf_text import compiled
 from tensegrity_mj.exchange.options import ImportOptions
 from tensegrity_mj.model.elements.contact import Contact

@@ -14,7 +14,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS, scene_of
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.hanging import hung
+from tensegrity_mj.library.suspended_cable import hung
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.scene import Scene

@@ -21,8 +21,7 @@ from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.basics.matfile import save_mat
 from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.linearization.assembled_chart import chart_of
-from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.linearization.chart import Chart, chart_of
 from tensegrity_mj.model.elements.element import states_at_start
 from tensegrity_mj.model.scene import Scene
 

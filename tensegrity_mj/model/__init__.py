@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.elements.resistance import Bending as Bending
     from tensegrity_mj.model.elements.resistance import Drag as Drag
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance
-    from tensegrity_mj.model.elements.spectra import IrregularSea as IrregularSea
     from tensegrity_mj.model.elements.terrain import Heights as Heights
     from tensegrity_mj.model.elements.terrain import Ramp as Ramp
     from tensegrity_mj.model.elements.terrain import Rough as Rough
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.elements.water import Water as Water
     from tensegrity_mj.model.elements.water import Weights as Weights
     from tensegrity_mj.model.elements.waves import AboveLevel as AboveLevel
+    from tensegrity_mj.model.elements.waves import IrregularSea as IrregularSea
     from tensegrity_mj.model.elements.waves import Sea as Sea
     from tensegrity_mj.model.elements.waves import Wave as Wave
     from tensegrity_mj.model.events import Break as Break

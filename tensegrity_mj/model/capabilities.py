@@ -1,6 +1,6 @@
 """What scenes have that not every engine simulates (`Trait`), and how an engine says what it cannot (`Descriptor`).
 
-The engines' own are in `engines.table`; `engines.requirements.require` holds a scene against them.
+The engines' own are in `engines.table`; `require` there holds a scene against them.
 """
 
 from __future__ import annotations

@@ -184,7 +184,7 @@ def static_forces(
         loads: (N, 3) [N].
     """
     positions = nodes_of(structure, nodes)
-    u = _per_string(structure, force_densities)
+    u = real_array("force_densities", force_densities, (len(structure.strings),), "N/m", error=StructureError)
     forces = (_string_forces(structure, positions) @ u).reshape(-1, 3) + loads_on(structure, gravity, loads)
     count = len(structure.rods)
     densities, supports, moments = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
@@ -294,10 +294,6 @@ def nodes_of(structure: Structure, nodes: ArrayLike | None) -> Array:
     if nodes is None:
         return structure.positions
     return real_array("nodes", nodes, (len(structure.nodes), 3), "m", False, StructureError)
-
-
-def _per_string(structure: Structure, force_densities: ArrayLike) -> Array:
-    return real_array("force_densities", force_densities, (len(structure.strings),), "N/m", error=StructureError)
 
 
 def _turning_basis(span: Array, plane: Sequence[float] | None) -> Array:

@@ -22,9 +22,8 @@ from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
-from tensegrity_mj.model.from_arrays import members_from
+from tensegrity_mj.model.from_arrays import joined_rods, members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
-from tensegrity_mj.model.node_indices import joined_rods
 from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths

@@ -28,9 +28,8 @@ from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.one_prefix import one_prefix
 from tensegrity_mj.runs.comparison import Comparison
 from tensegrity_mj.runs.differences import DIFFERENCES
-from tensegrity_mj.runs.judgement import doubts
+from tensegrity_mj.runs.judgement import doubts, verdict
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.verdicts import verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

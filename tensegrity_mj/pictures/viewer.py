@@ -16,7 +16,7 @@ import numpy as np
 
 import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
 from tensegrity_mj.basics.arrays import Array, rotation_to
-from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion
+from tensegrity_mj.engines.mujoco.mjcf_tree import quaternion
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.lit_model import add_terrain

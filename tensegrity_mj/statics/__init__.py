@@ -6,16 +6,13 @@ from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.boundary import Hold as Hold
-    from tensegrity_mj.statics.engine_check import EngineCheck as EngineCheck
-    from tensegrity_mj.statics.engine_check import check_engine as check_engine
+    from tensegrity_mj.statics.engines import EngineCheck as EngineCheck
     from tensegrity_mj.statics.engines import EngineEquilibrium as EngineEquilibrium
+    from tensegrity_mj.statics.engines import check_engine as check_engine
     from tensegrity_mj.statics.engines import engine_equilibrium as engine_equilibrium
     from tensegrity_mj.statics.equilibrium import find_equilibrium as find_equilibrium
+    from tensegrity_mj.statics.equilibrium import relax as relax
     from tensegrity_mj.statics.lightest import minimal_mass as minimal_mass
-    from tensegrity_mj.statics.materials import ALUMINIUM as ALUMINIUM
-    from tensegrity_mj.statics.materials import STEEL as STEEL
-    from tensegrity_mj.statics.materials import UHMWPE as UHMWPE
-    from tensegrity_mj.statics.materials import Material as Material
     from tensegrity_mj.statics.member_loads import Criterion as Criterion
     from tensegrity_mj.statics.member_loads import SlackInterval as SlackInterval
     from tensegrity_mj.statics.member_loads import Use as Use
@@ -27,20 +24,23 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.path import End as End
     from tensegrity_mj.statics.path import Path as Path
     from tensegrity_mj.statics.path import follow as follow
-    from tensegrity_mj.statics.path_criticals import Critical as Critical
-    from tensegrity_mj.statics.path_criticals import Kind as Kind
+    from tensegrity_mj.statics.path_steps import Critical as Critical
+    from tensegrity_mj.statics.path_steps import Kind as Kind
     from tensegrity_mj.statics.prestress import Prestressability as Prestressability
     from tensegrity_mj.statics.prestress import prestressability as prestressability
-    from tensegrity_mj.statics.relaxation import relax as relax
     from tensegrity_mj.statics.response import Curve as Curve
     from tensegrity_mj.statics.response import Response as Response
     from tensegrity_mj.statics.response import SlackEvent as SlackEvent
+    from tensegrity_mj.statics.sizing import ALUMINIUM as ALUMINIUM
+    from tensegrity_mj.statics.sizing import STEEL as STEEL
+    from tensegrity_mj.statics.sizing import UHMWPE as UHMWPE
     from tensegrity_mj.statics.sizing import Governs as Governs
+    from tensegrity_mj.statics.sizing import Material as Material
     from tensegrity_mj.statics.sizing import Sizing as Sizing
-    from tensegrity_mj.statics.standalone import standalone_scene as standalone_scene
     from tensegrity_mj.statics.standing import stand as stand
     from tensegrity_mj.statics.standing import tipping as tipping
     from tensegrity_mj.statics.state import StaticState as StaticState
+    from tensegrity_mj.statics.state import standalone_scene as standalone_scene
     from tensegrity_mj.statics.stiffening import Verdict as Verdict
     from tensegrity_mj.statics.strength import MemberCheck as MemberCheck
     from tensegrity_mj.statics.strength import TrajectoryCheck as TrajectoryCheck

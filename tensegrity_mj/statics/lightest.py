@@ -33,8 +33,7 @@ from tensegrity_mj.model.rigidity import members_at, nodal_forces
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
 from tensegrity_mj.statics.least_mass import NO_FORCE, Optimum, Problem, Search
-from tensegrity_mj.statics.materials import Material
-from tensegrity_mj.statics.sizing import Governs, Sizing
+from tensegrity_mj.statics.sizing import Governs, Material, Sizing
 
 RANK = 1e-10  # of the largest row: equations below it say what others say already
 SEEN = 1e-8  # of the largest force: a smaller one is not what makes a problem without solution

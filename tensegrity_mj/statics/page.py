@@ -21,7 +21,7 @@ from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figur
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.ticks import prefix_ticks
 from tensegrity_mj.statics.modes import Modes
-from tensegrity_mj.statics.path_criticals import Kind
+from tensegrity_mj.statics.path_steps import Kind
 from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.words import reactions
 

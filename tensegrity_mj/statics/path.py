@@ -31,10 +31,9 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import RANK, StaticModel
-from tensegrity_mj.statics.path_criticals import Critical as Critical
-from tensegrity_mj.statics.path_criticals import Kind as Kind
-from tensegrity_mj.statics.path_criticals import crossings, hides
-from tensegrity_mj.statics.path_steps import Point, Tangent, Walk, bordered, scaled, zero
+from tensegrity_mj.statics.path_steps import Critical as Critical
+from tensegrity_mj.statics.path_steps import Kind as Kind
+from tensegrity_mj.statics.path_steps import Point, Tangent, Walk, bordered, crossings, hides, scaled, zero
 from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
 

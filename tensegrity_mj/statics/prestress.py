@@ -35,12 +35,11 @@ from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.assembly import Assembly, member_paths, rank_of
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.signs import Flags, can_pull, can_push, listed, obstacle
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.statics.stiffening import Verdict, judged, stiffest, super_stable
+from tensegrity_mj.statics.stiffening import Assembly, Verdict, judged, member_paths, rank_of, stiffest, super_stable
 from tensegrity_mj.statics.words import counted
 
 CLEAR = 1e4  # between the smallest singular value that counts and the largest that does not

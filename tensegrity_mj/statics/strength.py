@@ -233,15 +233,11 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
         raise OptionError(f"the run of scene '{run.scene.name}' has no finite samples: there is nothing to check")
     structure, times = run.scene.structure, run.time[:count]
     lengths = norm(np.subtract(*ends(structure, run.nodes[:count])))
-    forces, chosen = run.rod_force_densities[:count] * lengths, _chosen(run)
+    forces = run.rod_force_densities[:count] * lengths
+    chosen = tuple(rod.name for rod in structure.rods if rod.name in run.scene.redundancy.undetermined)
     loads = MemberLoads(structure, forces, lengths, run.tensions[:count], times, chosen)
     slack = _slack_intervals(run, times, loads.tensions <= threshold)
     return TrajectoryCheck(loads, tuple(loads.largest()), loads.first_exceeded, slack)
-
-
-def _chosen(run: Trajectory) -> tuple[str, ...]:
-    """Names of the rods whose forces the engine chose."""
-    return tuple(rod.name for rod in run.scene.structure.rods if rod.name in run.scene.redundancy.undetermined)
 
 
 def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) -> tuple[SlackInterval, ...]:

@@ -28,23 +28,20 @@ from tensegrity_mj.runs.variables import labels_of
 from tensegrity_mj.statics import words
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import find_equilibrium, relax
 from tensegrity_mj.statics.lightest import minimal_mass
-from tensegrity_mj.statics.materials import Material
 from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
-from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.response import Response
-from tensegrity_mj.statics.sizing import Sizing
-from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
-from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.sizing import Material, Sizing
+from tensegrity_mj.statics.state import StaticState, require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.request import AcceleratingEngine
-    from tensegrity_mj.statics.engine_check import EngineCheck
+    from tensegrity_mj.statics.engines import EngineCheck
 
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
 
@@ -231,7 +228,7 @@ class Analysis:
         natural = natural_modes(state, count)
         confirmed = None
         if self.engine is not None:
-            from tensegrity_mj.statics.engine_check import check_engine  # here: engines take seconds to import
+            from tensegrity_mj.statics.engines import check_engine  # here: engines take seconds to import
 
             confirmed = check_engine(state, natural, self.engine)
         return StaticStudy(

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
-from tensegrity_mj.engines.accuracy.steps import Steps
+from tensegrity_mj.engines.accuracy.search import Steps
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.reference.dae import DAE

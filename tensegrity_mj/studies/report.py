@@ -59,14 +59,14 @@ class Report:
 
     NAME: ClassVar[str]  # of the files in the folder
 
+    def page(self) -> Page:
+        """The page, made of the data alone; its sections are made as it is written."""
+        raise NotImplementedError
+
     @property
     def judgement(self) -> Judgement:
         """The verdict and the findings, made of the data alone."""
-        raise NotImplementedError
-
-    def page(self) -> Page:
-        """The page, made of the data alone."""
-        raise NotImplementedError
+        return self.page().judgement
 
     @property
     def answer(self) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.rods import Bars
-from tensegrity_mj.vibration.resistance import bending_pulls
-from tensegrity_mj.vibration.state import State
+from tensegrity_mj.vibration.state import State, bending_pulls
 
 EPS = float(np.finfo(float).eps)
 ROUND_OFF = 64 * EPS  # of magnitudes that are added: each passes through some dozens of operations

@@ -14,7 +14,7 @@ from command_words import choices_of
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands import statics as command
-from tensegrity_mj.statics import materials
+from tensegrity_mj.statics import sizing as sizes
 from tensegrity_mj.statics.study import DATA, PAGE, Search
 
 LOAD = ["--load", "t4=0,0,-20"]  # enough for three diagonals of the arm to become slack
@@ -38,7 +38,7 @@ def strong(tmp_path: Path) -> Path:
 def test_the_words_of_the_command_are_those_of_the_library() -> None:
     assert {search.value for search in Search} == set(choices_of("statics", "--method"))
     assert {rods.value for rods in tmj.statics.Rods} == set(choices_of("statics", "--rods"))
-    known = {name.lower() for name, value in vars(materials).items() if isinstance(value, materials.Material)}
+    known = {name.lower() for name, value in vars(sizes).items() if isinstance(value, sizes.Material)}
     assert known == set(command.MATERIALS)
 
 
@@ -222,8 +222,8 @@ def test_the_lightest_members(capsys: pytest.CaptureFixture[str], tmp_path: Path
     found = tmj.statics.minimal_mass(
         scene.structure,
         loads,
-        rods=materials.STEEL,
-        strings=materials.UHMWPE,
+        rods=sizes.STEEL,
+        strings=sizes.UHMWPE,
         gravity=scene.gravity,
         least_radius=1e-4,
     )

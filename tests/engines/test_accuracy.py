@@ -17,7 +17,7 @@ from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along, rates_at_start, string_rates
-from tensegrity_mj.engines.accuracy.steps import Steps, common_divisor
+from tensegrity_mj.engines.accuracy.search import Steps, common_divisor
 from tensegrity_mj.engines.mujoco.engine import LOOP_ORDER, ORDER
 from tensegrity_mj.engines.reference.engine import RK4_ORDER
 from tensegrity_mj.engines.request import Request

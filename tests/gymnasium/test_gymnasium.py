@@ -18,10 +18,10 @@ from gymnasium.utils.env_checker import check_env
 
 import tensegrity_mj.gymnasium
 from tensegrity_mj.errors import ControllerError, OptionError
+from tensegrity_mj.gymnasium.environments import Viewer
 from tensegrity_mj.studies import Draw, Uniform
 from tensegrity_mj.studies.tasks import World, task_of
 from tensegrity_mj.studies.tasks.robots import TASKS
-from tensegrity_mj.studies.tasks.viewing import Viewer
 
 IDS = [f"Tensegrity/{name}-v0" for name in TASKS]
 MODES = ["NextStep", "SameStep", "Disabled"]

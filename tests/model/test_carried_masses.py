@@ -14,7 +14,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import exchange
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.exchange.importing import import_scene
-from tensegrity_mj.exchange.mjcf_inertia import rod_of_body
+from tensegrity_mj.exchange.mjcf_strings import rod_of_body
 from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import PointMass, RodMass, rods
 from tensegrity_mj.model.elements.element import forces_of
@@ -22,8 +22,8 @@ from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.statics import find_equilibrium, natural_modes
 from tensegrity_mj.statics.lightest import minimal_mass
-from tensegrity_mj.statics.materials import STEEL
 from tensegrity_mj.statics.modes import mass_matrix
+from tensegrity_mj.statics.sizing import STEEL
 from tensegrity_mj.studies.sweep import Sweep, drafted
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 

@@ -195,7 +195,7 @@ def test_mjcf_has_first_slopes_and_constant_forces(tmp_path) -> None:
 
 
 def test_tables_say_what_they_leave_out(tmp_path) -> None:
-    from tensegrity_mj.exchange.losses import left_out
+    from tensegrity_mj.exchange.tables import left_out
 
     notes = "; ".join(left_out(three(), ()))
     for words in ("curves of strings 'curve', 'yields'", "laws of strings 'yields'"):
@@ -216,7 +216,7 @@ def test_constant_forces_are_in_tables_and_refused_where_strings_need_a_stiffnes
 
 
 def test_uses_that_have_no_memory_or_are_linear_refuse_them() -> None:
-    from tensegrity_mj.engines.requirements import require
+    from tensegrity_mj.engines.table import require
 
     structure = three().structure
     scene = three().with_(structure=structure.with_strings(damping=0.0))

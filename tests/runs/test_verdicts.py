@@ -10,8 +10,8 @@ from analytic_runs import cone_run, planar_scene, run_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.judgement import size_of, verdict
 from tensegrity_mj.runs.trajectory import Status
-from tensegrity_mj.runs.verdicts import size_of, verdict
 
 
 def pair(shift: float):

@@ -21,7 +21,7 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Rods, StaticModel, StaticState, find_equilibrium, linear_systems
 from tensegrity_mj.statics import modes as modes_module
-from tensegrity_mj.statics.linearized import Linearized
+from tensegrity_mj.statics.linear_systems import Linearized
 from tensegrity_mj.statics.modes import mass_matrix, mode_trajectory, natural_modes
 
 Array = NDArray[np.float64]

@@ -29,8 +29,7 @@ from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.path import End, Path, follow
-from tensegrity_mj.statics.path_criticals import Kind
-from tensegrity_mj.statics.path_steps import Walk
+from tensegrity_mj.statics.path_steps import Kind, Walk
 from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.state import StaticState
 

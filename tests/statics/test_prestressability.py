@@ -15,7 +15,7 @@ from tensegrity_mj.model.rigidity import free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Hold, StaticModel, find_equilibrium
-from tensegrity_mj.statics.linearized import Linearized
+from tensegrity_mj.statics.linear_systems import Linearized
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.self_stress import self_stress
 from tensegrity_mj.statics.stiffening import Verdict

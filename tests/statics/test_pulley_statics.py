@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 
 import tensegrity_mj as tmj
 from tensegrity_mj import statics
-from tensegrity_mj.statics.assembly import Assembly
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.stiffening import Assembly
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
 from tensegrity_mj.vibration.small_motions import vibration

@@ -16,9 +16,8 @@ from tensegrity_mj.library.tower import base_nodes, tower
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import find_equilibrium, relax
 from tensegrity_mj.statics.model import Rods, StaticModel
-from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.state import StaticState
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, follow, relax
-from tensegrity_mj.statics.linearized import Linearized
+from tensegrity_mj.statics.linear_systems import Linearized
 from tensegrity_mj.statics.page import structure_figure
 
 Array = NDArray[np.float64]

@@ -27,10 +27,15 @@ from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.tradeoff import advising, reference
 from tensegrity_mj.studies.tradeoff.advising import cheapest, decades, pareto
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, open_loop, recording_interval
-from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
-from tensegrity_mj.studies.tradeoff.options import BUDGET, Loop, TradeoffOptions
-from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, find_reference
+from tensegrity_mj.studies.tradeoff.experiments import (
+    BUDGET,
+    Experiment,
+    Loop,
+    TradeoffOptions,
+    open_loop,
+    recording_interval,
+)
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Ended, Motion, attempt, find_reference, record
 from tensegrity_mj.studies.tradeoff.settings import grid_of_steps, most_evaluations, radau_steps, settings_of
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 
@@ -363,7 +368,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
 
     def run(of: Experiment, engine: Any) -> Any:
         if not isinstance(engine, tmj.MuJoCo):
-            from tensegrity_mj.studies.tradeoff.measurement import Attempt
+            from tensegrity_mj.studies.tradeoff.reference import Attempt
 
             return Attempt(Ended.REFUSED, "it knows no contact", None)
         return attempt(of, engine)
@@ -381,7 +386,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
 
 
 def test_without_any_reference_the_reason_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tensegrity_mj.studies.tradeoff.measurement import Attempt
+    from tensegrity_mj.studies.tradeoff.reference import Attempt
 
     monkeypatch.setattr(reference, "attempt", lambda *_: Attempt(Ended.REFUSED, "not today", None))
     found = find_reference(spring_experiment(), 1e5)
@@ -429,8 +434,7 @@ def test_failed_points_are_drawn_and_listed(tmp_path: Path) -> None:
         experiment["points"][0] |= {"error": None, "status": "diverged", "reason": "energy came from nowhere"}
         front = experiment["by_right_hand_sides"]["front"]
         experiment["by_right_hand_sides"]["front"] = [number for number in front if number]
-    from tensegrity_mj.studies.tradeoff.figure import TOP, Cost, diagram
-    from tensegrity_mj.studies.tradeoff.page import rows
+    from tensegrity_mj.studies.tradeoff.page import TOP, Cost, diagram, rows
 
     figure = diagram(data, Cost.RIGHT_HAND_SIDES)
     crosses = [line for line in figure.axes[0].get_lines() if line.get_marker() == "x" and len(line.get_xdata())]

@@ -21,10 +21,9 @@ from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.studies.engine_names import NAMES, engine_of
-from tensegrity_mj.studies.stability import measure
+from tensegrity_mj.studies.stability import study
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
-from tensegrity_mj.studies.stability.measure import measured_limit
-from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, steps_for
+from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, measured_limit, steps_for
 from tensegrity_mj.vibration import stable_step as inside
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at
@@ -501,7 +500,7 @@ def test_predicted_and_measured_limits_agree_on_random_structures(seed: int, nam
     )
     found = at_rest(Scene(structure), name)
     assert found["agrees"], found
-    # Bisection stops at 0.5 %, and growth is seen from 0.1 % on: see `measure`.
+    # Bisection stops at 0.5 %, and growth is seen from 0.1 % on: see `measured_limit`.
     assert found["ratio"] == pytest.approx(1.0, abs=0.02)
 
 
@@ -541,7 +540,7 @@ def test_a_motion_that_is_large_from_the_first_sample_on_is_not_taken_for_a_stab
 ) -> None:
     # Growth that slack strings have stopped within the first quarter of the run: the quarters are alike.
     scene = Scene(oscillator(10.0))
-    amplitude = measure.AMPLITUDE * 2.0  # m a step: the structure is 2 m long
+    amplitude = study.AMPLITUDE * 2.0  # m a step: the structure is 2 m long
 
     def run(reach: float) -> Any:
         nodes = np.repeat(scene.nodes0[None], 9, axis=0)
@@ -550,10 +549,10 @@ def test_a_motion_that_is_large_from_the_first_sample_on_is_not_taken_for_a_stab
             **{**vars(tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=8e-3, output_interval=1e-3)), "nodes": nodes}
         )
 
-    monkeypatch.setattr(measure, "_run", run(1.01 * measure.FAR * amplitude * 100))
-    assert "grew to" in measure._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100)
-    monkeypatch.setattr(measure, "_run", run(0.99 * measure.FAR * amplitude * 100))
-    assert measure._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100) == ""
+    monkeypatch.setattr(study, "_run", run(1.01 * study.FAR * amplitude * 100))
+    assert "grew to" in study._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100)
+    monkeypatch.setattr(study, "_run", run(0.99 * study.FAR * amplitude * 100))
+    assert study._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100) == ""
 
 
 # The structures ----------------------------------------------------------------------------------------------

@@ -15,8 +15,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.driving import Grid
 from tensegrity_mj.engines.jax.model import Observed
-from tensegrity_mj.engines.jax.program import Program
-from tensegrity_mj.engines.jax.recording import trajectory_of
+from tensegrity_mj.engines.jax.program import Program, trajectory_of
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError

@@ -16,9 +16,8 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, positive
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
 from tensegrity_mj.engines.accuracy.ladder import Ladder
-from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import find, fixed_steps
+from tensegrity_mj.engines.accuracy.search import ACCURACY, check_accuracy, find, fixed_steps
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.joints import site_accelerations
 from tensegrity_mj.engines.mujoco.mjcf_tree import place

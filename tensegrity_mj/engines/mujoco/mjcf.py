@@ -34,12 +34,11 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Bodies, Names, hardness, size
-from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
-from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct, must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
+from tensegrity_mj.engines.mujoco.mjcf_tree import quaternion as quaternion
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
-from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import require
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.scene import Scene

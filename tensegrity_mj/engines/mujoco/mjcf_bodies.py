@@ -9,8 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.mujoco.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, RodJoint, Turn, distinct
+from tensegrity_mj.engines.mujoco.mjcf_tree import (
+    TURNED_AXIS,
+    TURNED_SITE,
+    BodyTree,
+    RodJoint,
+    Turn,
+    distinct,
+    must_turn,
+    numbers,
+    quaternion,
+)
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene

@@ -19,8 +19,7 @@ from tensegrity_mj.basics.remembered import MOST, Remembered
 from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
-from tensegrity_mj.engines.mujoco.mjcf_frames import SNAP
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
+from tensegrity_mj.engines.mujoco.mjcf_tree import SNAP, BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.run_view import USERDATA_SIZE, bound
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.rods import mass_at_ends

@@ -29,10 +29,9 @@ from tensegrity_mj.engines.reference.equations import (
     sample_law,
 )
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.marks import marks_of
+from tensegrity_mj.engines.reference.marks import marks_of, turn_within
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
-from tensegrity_mj.engines.reference.turns import turn_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import check_energy

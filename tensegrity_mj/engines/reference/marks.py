@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.engines.reference.equations import place
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 
@@ -49,3 +54,23 @@ def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[f
                 marks.setdefault(float(time), (False, False))
     marks.setdefault(float(times[-1]), (False, False))
     return [(time, *what) for time, what in sorted(marks.items())]
+
+
+def turn_within(plant: Plant, start: float, end: float, states: Any) -> float:
+    """The first time [s] just after which such a string grows shorter; `end` where none turns.
+
+    Args:
+        plant: of the run.
+        start, end: of the step.
+        states: the function of times whose values are the states.
+    """
+    yields = plant["yields"].astype(bool)
+
+    def rates(time: float) -> Array:
+        place(np.ascontiguousarray(states(time)), plant.address)
+        return np.array(plant["rates"])
+
+    turning: NDArray[np.bool_] = yields & (rates(start) > 0) & (rates(end) < 0)
+    if not turning.any():
+        return end
+    return bisect(lambda time: not np.any(rates(time)[turning] <= 0), start, end)[1]

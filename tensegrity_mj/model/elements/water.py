@@ -42,8 +42,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, part, parts, positive, vector, whole
 from tensegrity_mj.model.elements.element import Element
-from tensegrity_mj.model.elements.spectra import IrregularSea
-from tensegrity_mj.model.elements.waves import AboveLevel, Sea, Wave
+from tensegrity_mj.model.elements.waves import AboveLevel, IrregularSea, Sea, Wave
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.rods import diameters
 

@@ -17,8 +17,8 @@ from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.comparison import resampled
 from tensegrity_mj.runs.judgement import doubts
-from tensegrity_mj.runs.resampling import resampled
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.identification.measurements import Observation

@@ -26,8 +26,7 @@ from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import substeps
-from tensegrity_mj.studies.tasks.starts import RandomStart, displace
+from tensegrity_mj.studies.tasks.definition import RandomStart, displace, substeps
 
 VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 NEVER = 2**40  # steps: more than any episode has

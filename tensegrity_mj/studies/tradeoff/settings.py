@@ -18,8 +18,7 @@ from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.table import ENGINES, engine_class, engine_settings
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, divides
-from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, TradeoffOptions, divides
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo

@@ -18,7 +18,6 @@ from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest, plain
@@ -26,11 +25,24 @@ from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.store import Store, opened
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, divides, open_loop
-from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
-from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
-from tensegrity_mj.studies.tradeoff.page import judgement_of, page_of
-from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, SURE, Reference, find_reference
+from tensegrity_mj.studies.tradeoff.experiments import (
+    Experiment,
+    Loop,
+    TradeoffOptions,
+    closed_loops,
+    divides,
+    open_loop,
+)
+from tensegrity_mj.studies.tradeoff.page import page_of
+from tensegrity_mj.studies.tradeoff.reference import (
+    FLOOR_FACTOR,
+    SURE,
+    Ended,
+    Reference,
+    attempt,
+    find_reference,
+    record,
+)
 from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
 PICTURE = "tradeoff.png"
@@ -48,11 +60,6 @@ class Tradeoff(Report):
 
     NAME = "tradeoff"
 
-    @property
-    def judgement(self) -> Judgement:
-        """The fastest setting, and how sure each reference is."""
-        return judgement_of(self.data)
-
     def page(self) -> Page:
         """Diagrams, advice, and each experiment with its settings."""
         return page_of(self.data)
@@ -65,7 +72,7 @@ class Tradeoff(Report):
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
         """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""
         from tensegrity_mj.pictures.figure import save_figure
-        from tensegrity_mj.studies.tradeoff.figure import Cost, diagram
+        from tensegrity_mj.studies.tradeoff.page import Cost, diagram
 
         return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))
 

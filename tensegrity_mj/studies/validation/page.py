@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from tensegrity_mj.basics.files import table_beside
-from tensegrity_mj.basics.texts import shortened
+from tensegrity_mj.basics.texts import figure_text, shortened
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import COLUMN, GREY, common_legend, frame, line_style, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.report import Page
-from tensegrity_mj.studies.validation import figures
+from tensegrity_mj.studies.validation.findings import left_promise
 from tensegrity_mj.studies.validation.sections import SECTIONS
 from tensegrity_mj.studies.validation.sentences import law_name, title, verdict
 
@@ -37,8 +42,7 @@ def page_of(data: Data) -> Page:
         f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
         f"{data['tolerance']:.2g} m of its target, or of where the nominal run rests if there is none."
     )
-    parts = [*_sections(data), _details(data)]
-    return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), parts)
+    return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), _sections(data))
 
 
 def judgement_of(data: Data) -> Judgement:
@@ -58,7 +62,7 @@ def _sections(data: Data) -> Iterator[Section]:
     for section, heading in SECTIONS.items():
         if section == "nominal" or section not in data:
             continue
-        parts: list[Picture | Table] = list(figures.of_section(section, data))
+        parts: list[Picture | Table] = list(of_section(section, data))
         text = NOTES.get(section, "")
         for number, (engine, part) in enumerate(data[section].items()):
             text = text.replace("{reference}", _reference(part))
@@ -69,6 +73,7 @@ def _sections(data: Data) -> Iterator[Section]:
             rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
             parts.append(Table("Starts that come out differently in two engines", ("start", "outcomes"), rows))
         yield Section(heading[0].upper() + heading[1:], [text] if text else [], parts)
+    yield _details(data)
 
 
 def _reference(part: Data) -> str:
@@ -119,7 +124,7 @@ def _nominal(data: Data) -> Section:
     runs = [one for one in engines.values() if "peaks" in one]
     heads = ["", *(title(engine) for engine, one in engines.items() if "peaks" in one)]
     rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in TABLE["nominal"].items()]
-    parts: list[Picture | Table] = list(figures.of_section("nominal", data))
+    parts: list[Picture | Table] = list(of_section("nominal", data))
     if runs:
         parts.append(Table("All numbers", heads, rows, folded=True))
     failed = [[title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
@@ -169,3 +174,174 @@ def _details(data: Data) -> Section:
         ["versions", data["versions"]],
     ]
     return Section("How it was run", (), [Table("All options", ("", ""), rows, folded=True)])
+
+
+OUTCOME_COLORS: dict[str, Any] = {
+    "converged": palette.TARGET,
+    "still moving": palette.CYCLE[5],
+    "off target": palette.CYCLE[4],
+    "mirrored": palette.GHOST,
+    "infeasible": palette.WARNING,
+    "singular": palette.CYCLE[3],
+    "diverged": palette.TEXT,
+    "failed": GREY,
+    "completed": palette.SLACK,
+    "at rest": palette.TARGET,
+    "elsewhere": palette.CYCLE[4],
+    "grows": palette.WARNING,
+    "refused": GREY,
+}
+GAIN_NAMES = {"decay_rate": "δ"}
+
+
+def of_section(section: str, data: Data) -> Iterator[Picture]:
+    """The figures of a section."""
+    makers = {"nominal": _nominal_runs, "sampling": _sampling, "gains": _gains, "starts": _starts}
+    if section in makers:
+        yield from makers[section](data)
+    elif section in AGAINST:
+        yield from _against(data[section], *AGAINST[section])
+
+
+def _nominal_runs(data: Data) -> Iterator[Picture]:
+    runs = {engine: one for engine, one in data["nominal"]["engines"].items() if one.get("series")}
+    if not runs:
+        return
+    first = next(iter(runs.values()))
+    panels = [*(["error"] if first["error"] else []), *(["lyapunov"] if first["lyapunov"] else []), "force_density"]
+    figure = new_figure(len(panels) * COLUMN, 0.85 * COLUMN)
+    labels = {"error": "target error [m]", "lyapunov": "V", "force_density": "largest u [N/m]"}
+    for panel, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        for number, (engine, one) in enumerate(runs.items()):
+            series = one["series"]
+            values = np.array([math.nan if value is None else value for value in series[name]], float)
+            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=line_style(number), label=title(engine))
+            if name == "lyapunov" and one["lyapunov"] and one["lyapunov"]["promised_rate"]:
+                V = one["lyapunov"]["initial"] * np.exp(-one["lyapunov"]["promised_rate"] * np.array(series["times"]))
+                if number == 0:
+                    panel.plot(series["times"], V, color=GREY, lw=3, alpha=0.4, zorder=0, label="promised")
+        if name != "force_density" and np.all(np.isfinite(values)) and np.all(values > 0):
+            panel.set_yscale("log")
+        frame(panel, "", "t [s]", labels[name])
+    yield Picture(figure, "The nominal run in each engine; lines that coincide agree.")
+
+
+def _sampling(data: Data) -> Iterator[Picture]:
+    figure = new_figure(2 * COLUMN, 1.05 * COLUMN)
+    panel = figure.subplots()
+    drawn = False
+    for number, (engine, part) in enumerate(data["sampling"].items()):
+        for mode in dict.fromkeys(one["mode"] for one in part["rows"] if "period" in one):
+            own = [one for one in part["rows"] if one["mode"] == mode and (one["node_error"] or 0) > 0]
+            own.sort(key=lambda one: one["period"])
+            if own:
+                drawn = True
+                color = palette.CYCLE[0 if "force" in mode else 2]
+                x, y = [1e3 * one["period"] for one in own], [one["node_error"] for one in own]
+                panel.loglog(
+                    x, y, color=color, ls=line_style(number), marker="o", ms=4, label=f"{mode}, {title(engine)}"
+                )
+    if drawn:
+        frame(panel, "", "control period [ms]", "largest node error [m]")
+        yield Picture(figure, "What sampling costs: the largest node error against the control period.")
+
+
+def _gains(data: Data) -> Iterator[Picture]:
+    engine, part = next(iter(data["gains"].items()))
+    if not part["rows"]:
+        return
+    figure = new_figure(2 * COLUMN, COLUMN)
+    panels = figure.subplots(1, 2)
+    names = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
+    for panel, (quantity, label) in zip(panels, names, strict=True):
+        for number, gain in enumerate(dict.fromkeys(one["gain"] for one in part["rows"])):
+            own = [one for one in part["rows"] if one["gain"] == gain and one[quantity] is not None]
+            own.sort(key=lambda one: one["factor"])
+            x, y = [one["factor"] for one in own], [one[quantity] for one in own]
+            panel.plot(x, y, color=palette.CYCLE[number], marker="o", ms=4, label=GAIN_NAMES.get(gain, gain))
+        if any(line.get_xdata().size for line in panel.get_lines()):
+            panel.set_xscale("log", base=2)
+            if quantity == "peak_force_density":
+                panel.set_yscale("log")
+        frame(panel, "", "factor on the gain", label)
+    yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")
+
+
+# Sections whose final errors are drawn against facts: each fact, one that must be absent, and the axis; the caption.
+AGAINST: dict[str, Any] = {
+    "noise": (
+        (
+            ("position_std", "velocity_std", "noise of positions [m]"),
+            ("velocity_std", "position_std", "of velocities [m/s]"),
+        ),
+        "What sensor noise leaves of the target error.",
+    ),
+    "delay": ((("samples", "", "delay [samples]"),), "What a delay leaves of the target error."),
+}
+
+
+def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:
+    """The final error against one fact, coloured by outcome."""
+    figure = new_figure(max(1.6, len(panels)) * COLUMN, COLUMN)
+    seen: set[str] = set()
+    for panel, (key, other, label) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        for number, part in enumerate(section.values()):
+            own = [one for one in part["rows"] if one[key] and not one.get(other) and one["final_error"] is not None]
+            own.sort(key=lambda one: one[key])
+            x, y = [one[key] for one in own], [one["final_error"] for one in own]
+            panel.plot(x, y, color=GREY, ls=line_style(number), lw=1, zorder=1)
+            for one in own:
+                name = one["outcome"] if one["outcome"] not in seen else None
+                seen.add(one["outcome"])
+                panel.plot(one[key], one["final_error"], "o", ms=5, color=OUTCOME_COLORS[one["outcome"]], label=name)
+        if panel.lines:
+            panel.set_yscale("log")
+        if other:
+            panel.set_xscale("log")
+        frame(panel, "", label, "final error [m]")
+    if seen:
+        yield Picture(figure, caption)
+
+
+def _starts(data: Data) -> Iterator[Picture]:
+    engine, part = next(iter(data["starts"].items()))
+    rows = part["rows"]
+    if "direction" in rows[0]:
+        yield from _map(engine, rows)
+        return
+    figure = new_figure(1.6 * COLUMN, COLUMN)
+    panel = figure.subplots()
+    for number, (name, own) in enumerate(data["starts"].items()):
+        x, y = [one["amplitude"] for one in own["fractions"]], [one["converged"] for one in own["fractions"]]
+        panel.plot(x, y, color=palette.CYCLE[number], ls=line_style(number), marker="o", ms=4, label=title(name))
+    panel.set_ylim(-0.05, 1.05)
+    frame(panel, "", "amplitude of the perturbation [1]", "part of the starts that converge")
+    yield Picture(figure, "Random starts of growing distance from the nominal one: in rad, and in mean rod lengths.")
+
+
+def _map(engine: str, rows: Any) -> Iterator[Picture]:
+    names = list(dict.fromkeys(one["law"] for one in rows))
+    columns = 2
+    lines = math.ceil(len(names) / columns)
+    figure = new_figure(columns * 1.25 * COLUMN, lines * 0.8 * COLUMN)
+    for number, name in enumerate(names):
+        panel = figure.add_subplot(lines, columns, number + 1, projection="mollweide")
+        for outcome, color in OUTCOME_COLORS.items():
+            for hollow in (False, True):
+                own = [
+                    one for one in rows if (one["law"], one["outcome"], left_promise(one)) == (name, outcome, hollow)
+                ]
+                if not own:
+                    continue
+                b = np.array([one["direction"] for one in own])
+                places = np.arctan2(b[:, 1], b[:, 0]), np.arcsin(np.clip(b[:, 2], -1, 1))
+                face = "none" if hollow else color
+                key = f"{outcome}, V not as promised" if hollow else outcome
+                panel.scatter(*places, s=16, facecolors=face, edgecolors=color, lw=1.0, label=key)
+        panel.set_title(figure_text(name), fontsize=9)
+        panel.grid(color=palette.GRID, lw=0.5)
+        panel.set_xticklabels([])
+        panel.tick_params(labelsize=6)
+    common_legend(figure, figure.axes)
+    caption = f"Initial directions of the rod ({title(engine)}), laws side by side"
+    yield Picture(figure, f"{caption}: Mollweide's projection, +x in the middle, +y to the right, +z up.")

@@ -13,19 +13,17 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.seconds import fitted
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, named_in
-from tensegrity_mj.engines.requirements import engines_for, only_one
-from tensegrity_mj.engines.table import ENGINES, installed
+from tensegrity_mj.engines.table import ENGINES, engines_for, installed, only_one
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.studies.many import run_study
 from tensegrity_mj.studies.plain import plain
 from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.validation.findings import findings
-from tensegrity_mj.studies.validation.page import judgement_of, page_of
+from tensegrity_mj.studies.validation.page import page_of
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
 from tensegrity_mj.studies.validation.task import TICK, run_point
 from tensegrity_mj.studies.workers import Workers, workers_for
@@ -39,11 +37,6 @@ class Validation(Report):
     """A finished report; docs/validate.md explains the keys of its `data`."""
 
     NAME = "validation"
-
-    @property
-    def judgement(self) -> Judgement:
-        """The verdict, and a finding a section."""
-        return judgement_of(self.data)
 
     def page(self) -> Page:
         """What was found, section by section."""

@@ -26,7 +26,7 @@ from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.path import Path, follow
-from tensegrity_mj.statics.path_criticals import Kind
+from tensegrity_mj.statics.path_steps import Kind
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.thesis.disturbance import disturbance_of, disturbed
 
