@@ -142,6 +142,15 @@ def _setup(report: Any) -> Any:
     return sections.Setup(scene, law, ["mujoco"], 6.0, 5e-3, 5e-3, 0, Extent.quick())
 
 
+def test_a_sampled_run_has_the_longest_step_that_divides_its_period() -> None:
+    setup = _setup(None)  # whose step is 5 ms
+    for period, steps in ((5e-3, 1), (4e-3, 1), (1e-2, 2), (0.011, 3), (0.1, 20)):
+        made = setup.sampled("dae", sections.Mode.HOLD_REST_LENGTH, period)
+        assert made["period"] == period
+        # A quotient of two numbers, once rounded.
+        assert made["engine_options"]["timestep"] == pytest.approx(period / steps, rel=2e-16)
+
+
 def test_masses_are_off_in_the_plant_alone(report: Any, pinned_rod: Any) -> None:
     rod = pinned_rod.structure.rods[0]
     _, values = point(report, "mass", 0)
