@@ -17,8 +17,8 @@ from tensegrity_mj.basics.faces import face
 
 require_dm_control()
 
-from tensegrity_mj.dm_control.entities import adopt_options as adopt_options  # noqa: E402 - after the check
-from tensegrity_mj.dm_control.entities import element as element  # noqa: E402
+from tensegrity_mj.dm_control.elements import adopt_options as adopt_options  # noqa: E402 - after the check
+from tensegrity_mj.dm_control.elements import element as element  # noqa: E402
 from tensegrity_mj.dm_control.environments import environment as environment  # noqa: E402
 from tensegrity_mj.dm_control.environments import task_environment as task_environment  # noqa: E402
 from tensegrity_mj.dm_control.models import physics as physics  # noqa: E402
@@ -27,8 +27,8 @@ from tensegrity_mj.studies.tasks.definition import RandomStart as RandomStart  #
 
 if TYPE_CHECKING:  # these subclass dm_control's own classes, which are repaired before they are imported
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity
-    from tensegrity_mj.dm_control.environments import TensegrityTask as TensegrityTask
     from tensegrity_mj.dm_control.stepping import PhysicsDivergence as PhysicsDivergence
     from tensegrity_mj.dm_control.stepping import ScenePhysics as ScenePhysics
+    from tensegrity_mj.dm_control.tasks import TensegrityTask as TensegrityTask
 else:
     __getattr__, __dir__ = face(__name__, before=repair)

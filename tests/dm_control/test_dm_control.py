@@ -21,7 +21,7 @@ from tensegrity_mj.library.random_structures import random_scene, random_structu
 from tensegrity_mj.model import strings
 from tensegrity_mj.model.scene import Scene
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 from tensegrity_mj.dm_control import element, physics, repair
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from tensegrity_mj.library.random_structures import random_rotation, random_scen
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, element, physics, repair
 
 repair()

@@ -19,7 +19,7 @@ from tensegrity_mj.model import StringLaw, strings
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 from absl.testing import absltest
 from dm_env import StepType, test_utils
 

@@ -18,7 +18,7 @@ from tensegrity_mj.errors import ElementError
 from tensegrity_mj.library.fish_farm import fish_net
 from tensegrity_mj.model import Element
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 from dm_control import mjcf
 
 from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, physics

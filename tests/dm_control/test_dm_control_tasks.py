@@ -8,7 +8,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.studies.tasks import World, task_of
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 
 from tensegrity_mj.dm_control import task_environment
 

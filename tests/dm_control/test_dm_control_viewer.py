@@ -15,7 +15,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.pictures.opengl import choose_backend
 
-pytest.importorskip("tensegrity_mj.dm_control")
+pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
 from tensegrity_mj.dm_control import RandomStart, environment, repair
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -96,6 +96,7 @@ def test_functions_have_limits_of_their_own() -> None:
         "simulate_many": [],
         "law_in": ["broken", "stateful"],
         "MuJoCo's model": [],
+        "random starts": ["closed", "closed water"],
         "dm_control models": [*(set(SCENES) - {"plain", "contact"}), "stateful"],
     }.items():
         found, said = [], []
@@ -109,6 +110,7 @@ def test_functions_have_limits_of_their_own() -> None:
         assert sorted(found) == sorted(refused), use
     assert set(USES) == {
         "linearize", "engine_equilibrium", "statics", "simulate_many", "law_in", "MuJoCo's model", "dm_control models",
+        "random starts",
     }  # fmt: skip
 
 

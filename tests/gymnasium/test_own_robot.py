@@ -89,7 +89,7 @@ def test_gymnasiums_limit_is_the_one_that_counts_by_name(monkeypatch: pytest.Mon
 
 
 def test_dm_control_has_the_same_length() -> None:
-    pytest.importorskip("tensegrity_mj.dm_control")
+    pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
     from tensegrity_mj.dm_control import task_environment
 
     env = task_environment(mast())

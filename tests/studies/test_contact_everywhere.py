@@ -76,7 +76,7 @@ def test_an_episode_is_the_engines_run(scene: tmj.Scene) -> None:
 
     Only round-off differs, some 1e-16 m a step, which a landing amplifies by less than a hundredfold in 0.15 s.
     """
-    environment = pytest.importorskip("tensegrity_mj.dm_control").environment
+    environment = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError).environment
     for command, held in (
         (tmj.Command.REST_LENGTH, tmj.Actuation.hold_rest_length(1e-2)),
         (tmj.Command.FORCE_DENSITY, tmj.Actuation.hold_force_density(1e-2)),
@@ -109,7 +109,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     """Of starts within half a metre a good part of those 0.3 m above the floor would be inside it."""
     contact = scene.contact
     assert contact is not None
-    dm_control = pytest.importorskip("tensegrity_mj.dm_control")
+    dm_control = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
     from tensegrity_mj.studies.tasks import definition as drawing
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
