@@ -52,7 +52,7 @@ class Grid:
         steps = {what: whole_ratio(time, step, f"{what} over the time step") for what, time in intervals}
         count = steps["duration"]
         stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
-        check_rows(count / stride)
+        check_rows(count / stride, least_width(request))
         first, stride = steps.get("start", 0), min(stride, count)
         if first % stride and request.output_interval is not None:
             raise OptionError(
@@ -75,11 +75,16 @@ class Grid:
         return np.asarray((self.first + steps) * self.step, float)
 
 
+def least_width(request: Request) -> int:
+    """The numbers of a recorded row at least: too many rows are refused before their times are made."""
+    return 6 * len(request.scene.structure.node_names)
+
+
 def output_times(request: Request) -> Array:
     """Of a run without a grid (T,) [s]: multiples of the output interval, and the end."""
     interval = request.output_interval or DEFAULT_INTERVAL
     count = int(np.floor(request.duration / interval * (1 + 1e-12)))
-    check_rows(count)
+    check_rows(count, least_width(request))
     times: Array = np.arange(count + 1, dtype=float) * interval
     if request.duration - times[-1] > 1e-9 * interval:
         times = np.append(times, request.duration)

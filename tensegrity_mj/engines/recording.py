@@ -26,7 +26,7 @@ def allocate_rows(count: int, width: int) -> Array:
     return np.full((count, width), np.nan)
 
 
-def check_rows(count: float, width: int = 1) -> None:
+def check_rows(count: float, width: int) -> None:
     """Raise OptionError where `count` rows are more than a machine should hold."""
     size = 8.0 * count * width
     if size > MEMORY_LIMIT:

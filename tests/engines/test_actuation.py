@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -242,9 +245,13 @@ def test_what_does_not_fit_together_is_warned_of(prism):
 
 
 def test_a_run_too_long_to_record_is_refused_before_memory_is_requested(prism):
-    for engine in ENGINES:
+    for engine, duration in itertools.product(ENGINES, (1e6, 1e12)):  # of the first, the times alone would fit: 0.8 GB
+        tracemalloc.start()
         with pytest.raises(tmj.errors.OptionError, match=r"GiB|counted"):
-            tmj.simulate(prism, None, engine, duration=1e12)
+            tmj.simulate(prism, None, engine, duration=duration)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 0.1e9
 
 
 def test_descriptions_that_no_file_can_hold_are_refused_before_the_run(prism):
