@@ -44,15 +44,20 @@ def optional(package: str, what: str, wanted: str = "") -> Any:
         ) from None
 
 
-def requirements_of(extra: str) -> list[Requirement]:
-    """The requirements of an extra of this package, as its metadata has them; none where it is not installed."""
+def _requirements() -> list[Requirement]:
+    """All of this package, as its metadata has them; dm-control alone where it is used from its sources."""
     from packaging.requirements import Requirement
 
     try:
-        items = [Requirement(line) for line in metadata.requires("tensegrity-mj") or []]
-    except metadata.PackageNotFoundError:  # used from its sources
-        return []
-    return [item for item in items if item.marker and f'extra == "{extra}"' in str(item.marker)]
+        lines = metadata.requires("tensegrity-mj") or []
+    except metadata.PackageNotFoundError:
+        lines = ["dm-control"]
+    return [Requirement(line) for line in lines]
+
+
+def requirements_of(extra: str) -> list[Requirement]:
+    """The requirements of an extra of this package, as its metadata has them; none where it is not installed."""
+    return [item for item in _requirements() if item.marker and f'extra == "{extra}"' in str(item.marker)]
 
 
 def of_extra(extra: str) -> str:
@@ -80,14 +85,7 @@ def unmet(item: Requirement) -> str:
 
 def requirements_of_dm_control() -> list[Requirement]:
     """dm-control and what it needs here, as pyproject.toml names them; dm-control comes last."""
-    from packaging.requirements import Requirement
-
-    try:
-        lines = metadata.requires("tensegrity-mj") or []
-    except metadata.PackageNotFoundError:  # used from its sources
-        lines = ["dm-control"]
-    own = (item for item in map(Requirement, lines) if item.name == "dm-control")
-    return [*requirements_of(EXTRA), *own]
+    return [*requirements_of(EXTRA), *(item for item in _requirements() if item.name == "dm-control")]
 
 
 def missing_for_dm_control() -> list[str]:

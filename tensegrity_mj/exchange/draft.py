@@ -260,9 +260,7 @@ def _together(first: String, second: String, length: float) -> String:
         return replace(first, damping=c, tension=tension(first) + tension(second))
     rest = length - (tension(first) + tension(second)) / k
     mass = (first.mass or 0.0) + (second.mass or 0.0) or None
-    segments = max(first.segments or 0, second.segments or 0) or None
-    changes: dict[str, Any] = {"mass": mass, "segments": segments, "tension": None, "force_density": None}
-    return replace(first, stiffness=k, damping=c, rest_length=rest, **changes)
+    return replace(first, stiffness=k, damping=c, rest_length=rest, mass=mass, tension=None, force_density=None)
 
 
 def _plane(planes: Mapping[str, frozenset[str]], name: str) -> tuple[float, float, float] | None:

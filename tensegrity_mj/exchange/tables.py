@@ -164,7 +164,7 @@ def _rows(path: Path, columns: Sequence[str]) -> Iterator[Table]:
 def _plain(column: str, cell: str) -> Any:
     """A cell as a number, where its column has numbers and it is one."""
     try:
-        return cell if column in WORDS else int(cell) if column == "segments" else float(cell)
+        return cell if column in WORDS else float(cell)
     except ValueError:
         return cell
 

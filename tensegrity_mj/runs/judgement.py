@@ -12,12 +12,11 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.runs.energy import energy_exchanged
+from tensegrity_mj.runs.energy import energy_exchanged, energy_unresolved
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import Comparison
-    from tensegrity_mj.runs.trajectory import Trajectory
 
 GOOD, LIMITED, BAD, UNJUDGED = "good", "limited", "bad", "not judged"
 # What grows with the square of time, as distances and energies under a constant force do, has 16/9 = 1.78 times in the
@@ -132,8 +131,6 @@ def growth(run: Trajectory) -> list[str]:
 
 def _series(run: Trajectory) -> Iterator[tuple[str, str, Array, float, float]]:
     """Names, units, values (T,), the least that counts, and from which part of the run on what came before counts."""
-    from tensegrity_mj.runs.energy import energy_exchanged, energy_unresolved
-
     target, size = run.scene.target, size_of(run)
     energy = run.kinetic_energy + run.gravity_energy + run.string_energy + run.element_energy
     if target is None or len(target.times) == 1:  # to follow a path may take more and more

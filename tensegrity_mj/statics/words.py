@@ -12,7 +12,7 @@ from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.basics.units import power_of, quantity, unit_with
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.pictures.findings import Finding, Mark
-from tensegrity_mj.statics.model import Rods
+from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.stiffening import Verdict
 
 if TYPE_CHECKING:
@@ -188,15 +188,14 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
 
     model, state = study.model, study.state
     structure = model.structure
-    names = structure.node_names
-    data: dict[str, Any] = {
+    return {
         "format": FORMAT,
         "scene": {"name": model.scene.name, "source": model.scene.source},
         "setup": {
             "rods": (Rods.ELASTIC if np.any(model.compliance > 0) else Rods.RIGID).value,
             "method": study.search.value,
             "gravity": list(model.scene.gravity),
-            "loads": {name: force.tolist() for name, force in zip(names, model.loads, strict=True) if np.any(force)},
+            "loads": _by_node(model, model.loads),
             "holds": [vars(hold) for hold in model.holds],
             "broken": [s.name for s, k in zip(structure.strings, model.whole, strict=True) if not k],
             "path": study.response is not None,
@@ -219,7 +218,6 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
         **study.judgement.to_dict(),
         "versions": versions(),
     }
-    return data
 
 
 def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
@@ -240,8 +238,8 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
         "strings": by_member(structure.strings, strings),
         "rods": by_member(structure.rods, rods),
         "determinacy": plain_values(state.determinacy, "states", "chosen", "reactions", "is_clear"),
-        "loads": _by_node(state, state.loads),
-        "reactions": _by_node(state, reactions(state)),
+        "loads": _by_node(study.model, state.loads),
+        "reactions": _by_node(study.model, reactions(state)),
         "tensions": statistics(state.tensions[study.model.whole]),
         "rod_forces": statistics(state.rod_forces),
         "rod_stresses": statistics(_stresses(study)),
@@ -261,8 +259,8 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _by_node(state: StaticState, forces: Array) -> dict[str, Any]:
-    names = state.model.structure.node_names
+def _by_node(model: StaticModel, forces: Array) -> dict[str, Any]:
+    names = model.structure.node_names
     return {name: force.tolist() for name, force in zip(names, forces, strict=True) if np.any(force)}
 
 

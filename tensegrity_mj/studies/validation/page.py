@@ -98,11 +98,9 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
         [*map(_whole, (one["label"], one["outcome"])), *map(one.get, columns[1:]), shortened(one["message"] or "", 160)]
         for one in part["rows"]
     ]
-    if not any(row[-1] for row in rows):
-        rows = [row[:-1] for row in rows]
-        yield Table(title(engine), ("", *(COLUMNS[column] for column in columns)), rows)
-    else:
-        yield Table(title(engine), ("", *(COLUMNS[column] for column in columns), "why"), rows)
+    count = len(columns) + (2 if any(row[-1] for row in rows) else 1)  # the last says why, where anything does
+    heads = ("", *(COLUMNS[column] for column in columns), "why")
+    yield Table(title(engine), heads[:count], [row[:count] for row in rows])
 
 
 def _percent(part: float | None) -> str:
@@ -121,13 +119,12 @@ def _whole(text: str) -> str:
 
 def _nominal(data: Data) -> Section:
     engines = data["nominal"]["engines"]
-    runs = [one for one in engines.values() if "peaks" in one]
-    heads = ["", *(title(engine) for engine, one in engines.items() if "peaks" in one)]
-    rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in TABLE["nominal"].items()]
+    runs = {engine: one for engine, one in engines.items() if "peaks" in one}
+    rows = [[label, *(_value(one, *keys) for one in runs.values())] for label, keys in TABLE["nominal"].items()]
     parts: list[Picture | Table] = list(of_section("nominal", data))
     if runs:
-        parts.append(Table("All numbers", heads, rows, folded=True))
-    failed = [[title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
+        parts.append(Table("All numbers", ["", *map(title, runs)], rows, folded=True))
+    failed = [[title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if engine not in runs]
     if failed:
         parts.append(Table("Without a result", ("engine", "outcome", "why"), failed))
     if data["nominal"]["differences"]:
@@ -136,8 +133,8 @@ def _nominal(data: Data) -> Section:
             for one in data["nominal"]["differences"]
         ]
         parts.append(Table("Agreement", ("engines", "largest node difference [m]"), rows))
-    if runs:
-        parts += list(_strings(runs[0], next(engine for engine, one in engines.items() if one is runs[0])))
+    for engine, one in list(runs.items())[:1]:
+        parts += _strings(one, engine)
     return Section("As it is meant to be", (), parts)
 
 
@@ -229,19 +226,17 @@ def _nominal_runs(data: Data) -> Iterator[Picture]:
 def _sampling(data: Data) -> Iterator[Picture]:
     figure = new_figure(2 * COLUMN, 1.05 * COLUMN)
     panel = figure.subplots()
-    drawn = False
     for number, (engine, part) in enumerate(data["sampling"].items()):
         for mode in dict.fromkeys(one["mode"] for one in part["rows"] if "period" in one):
             own = [one for one in part["rows"] if one["mode"] == mode and (one["node_error"] or 0) > 0]
             own.sort(key=lambda one: one["period"])
             if own:
-                drawn = True
                 color = palette.CYCLE[0 if "force" in mode else 2]
                 x, y = [1e3 * one["period"] for one in own], [one["node_error"] for one in own]
                 panel.loglog(
                     x, y, color=color, ls=line_style(number), marker="o", ms=4, label=f"{mode}, {title(engine)}"
                 )
-    if drawn:
+    if panel.lines:
         frame(panel, "", "control period [ms]", "largest node error [m]")
         yield Picture(figure, "What sampling costs: the largest node error against the control period.")
 

@@ -219,7 +219,8 @@ def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
         errors = [one["final_error"] for one in part["rows"] if one["final_error"] is not None]
         worst = f" (final error up to {max(errors):.2g} m)" if errors else ""
         return [f"Converges with {what} off by up to 20 %{worst}."] if part["rows"] else []
-    return [f"Does not tolerate {what} off by 20 %: {_listed(bad)}."]
+    listed = "; ".join(f"{one['label']}: {_ended(one)}" for one in bad)
+    return [f"Does not tolerate {what} off by 20 %: {listed}."]
 
 
 def _noise_sentences(setup: Setup, section: str, part: Data) -> list[str]:
@@ -276,9 +277,8 @@ def _g(one: Data) -> str:
 
 def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     key = "law" if "law" in part["fractions"][0] else "amplitude"
-    names = [one[key] if key == "law" else f"amplitude {one[key]:g}" for one in part["fractions"]]
-    parts = [_share(one) for one in part["fractions"]]
-    listed = "; ".join(f"{name}: {text}" for name, text in zip(names, parts, strict=True))
+    heads = {"law": "{}", "amplitude": "amplitude {:g}"}
+    listed = "; ".join(f"{heads[key].format(one[key])}: {_share(one)}" for one in part["fractions"])
     sentences = [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {listed}."]
     if any(_promise(one) for one in part["fractions"]):
         # On the pinned rod error-controlled runs stop there, but for a few that need shorter steps only.
@@ -311,10 +311,6 @@ def _tolerated(own: Sequence[Data], amounts: Sequence[str], what: str) -> str:
         return f"Does not tolerate {what} of {amounts[0]} ({_outcomes(own[:1])})."
     more = f" ({_outcomes([own[good]])} with more)" if good < len(own) else " (more was not tried)"
     return f"Tolerates {what} of up to {amounts[good - 1]}{more}."
-
-
-def _listed(rows: Sequence[Data]) -> str:
-    return "; ".join(f"{one['label']}: {_ended(one)}" for one in rows)
 
 
 def _ended(one: Data) -> str:
