@@ -12,7 +12,6 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned, figure_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
@@ -32,13 +31,11 @@ from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.predictions import Kept, predictions_of
 from tensegrity_mj.studies.identification.unknowns import Parameter, Unknowns
 from tensegrity_mj.studies.plain import digest, plain
-from tensegrity_mj.studies.report import Page, Report
+from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.store import opened
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-RUNS = "runs"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,9 +135,8 @@ def identify(
     unknowns, observed = Unknowns.of(scene, parameters), Observation.of(scene.structure, measurements)
     predictions = predictions_of(unknowns, observed, engine, law, chosen.actuation)
     facts = {"scene": scene.name, "source": scene.source, "engine": {"name": name, "options": settings}}
-    runs, study = None, {}
+    study = {}
     if folder is not None:
-        runs = made_folder(folder) / RUNS
         study = {
             "task": "identify",
             "scene": scene_to_toml(scene),
@@ -151,7 +147,7 @@ def identify(
             "measurements": digest([observed.labels, observed.times, observed.rows, observed.columns]),
             "versions": versions(engine),
         }
-    with opened(runs, plain(study, "the study")) as kept:
+    with opened(runs_in(folder), plain(study, "the study")) as kept:
         model = predictions if folder is None else Kept(predictions, kept)
         try:
             found = fit(Problem(model, unknowns, observed), chosen, progress)
