@@ -50,7 +50,7 @@ def pytest_assertion_pass(expl: str) -> None:
     first = re.sub(r"np\.float64\(([^()]*)\)", r"\1", expl.split("\n")[0])
     for pattern, is_approx in ((r"(.+?) (?:<|<=) (.+)", False), (r"(.+?) == (.+) ± (.+)", True)):
         sides = match.groups() if (match := re.fullmatch(pattern, first)) else ()
-        if sides and all(NUMBER.fullmatch(side) for side in sides):
+        if sides and all(NUMBER.fullmatch(side) and side.count("(") == side.count(")") for side in sides):
             one, *others = (eval(side) for side in sides)  # of digits and signs alone
             bound, scale = others[-1], abs(others[0]) if is_approx and others[0] else 1.0
             if 0 < bound <= SMALL * scale:

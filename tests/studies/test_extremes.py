@@ -26,9 +26,9 @@ from tensegrity_mj.studies.extremes import laws, naive, task
 from tensegrity_mj.studies.extremes.experiment import Experiment
 from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.pace import mobility, pace
+from tensegrity_mj.studies.extremes.references import reference_of, tight_dae
 from tensegrity_mj.studies.extremes.setups import ENGINES, Attempt, Setup, attempt, caught, draw_setup
 from tensegrity_mj.studies.extremes.study import conclusions, extremes, mixture
-from tensegrity_mj.studies.extremes.task import reference_of, tight_dae
 from tensegrity_mj.studies.extremes.verdicts import (
     Judgement,
     Verdict,
