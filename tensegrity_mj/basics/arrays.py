@@ -20,6 +20,11 @@ def norm(a: Array) -> Array:
     return np.sqrt(dot(a, a))
 
 
+def unit(vector: Array) -> Array:
+    """The vector, of length one."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 def rotation_to(b: Array) -> Array:
     """A rotation matrix whose z axis is the unit vector b."""
     return np.asarray(rotations_to(b[None])[0])

@@ -9,10 +9,9 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, unit
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.library.random_structures import unit
 from tensegrity_mj.model.members import Rod, String, Support, null_space_basis
 from tensegrity_mj.model.structure import Structure
 

@@ -15,7 +15,7 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, unit
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.model.events import Load
@@ -292,8 +292,3 @@ def _turned(vector: Array, axis: Array, angle: float) -> Array:
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """A number from low to high, evenly in its logarithm."""
     return float(10 ** rng.uniform(math.log10(low), math.log10(high)))
-
-
-def unit(vector: Array) -> Array:
-    """The vector, of length one."""
-    return np.asarray(vector / np.linalg.norm(vector))

@@ -204,7 +204,7 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
             "unbalanced": study.start.unbalanced,
             "node": study.start.node,
             "equilibrium": study.start.is_equilibrium,
-            "extent": extent(model.scene.nodes0).tolist(),
+            "extent": np.ptp(model.scene.nodes0, axis=0).tolist(),
         },
         "failure": study.failure,
         "equilibrium": None if state is None else _state(study, state),
@@ -233,7 +233,7 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
         "stable": state.is_stable,
         "lowest_stiffness": state.lowest_stiffness,
         "moved": study.moved,
-        "extent": extent(state.nodes).tolist(),
+        "extent": np.ptp(state.nodes, axis=0).tolist(),
         "nodes": dict(zip(structure.node_names, state.nodes.tolist(), strict=True)),
         "strings": by_member(structure.strings, strings),
         "rods": by_member(structure.rods, rods),
@@ -262,11 +262,6 @@ def _known(value: Any) -> Any:
 def _by_node(model: StaticModel, forces: Array) -> dict[str, Any]:
     names = model.structure.node_names
     return {name: force.tolist() for name, force in zip(names, forces, strict=True) if np.any(force)}
-
-
-def extent(nodes: Array) -> Array:
-    """(3,) [m] from the least to the largest coordinate."""
-    return np.asarray(nodes.max(axis=0) - nodes.min(axis=0))
 
 
 def statistics(values: Array) -> dict[str, float]:
@@ -321,7 +316,7 @@ def _moved(study: StaticStudy, state: StaticState) -> str:
 
 
 def _sizes(nodes: Array) -> str:
-    return " x ".join(f"{float(size):.5g}" for size in extent(nodes)) + " m"
+    return " x ".join(f"{float(size):.5g}" for size in np.ptp(nodes, axis=0)) + " m"
 
 
 def listed(names: Iterable[str], most: int = SHOWN) -> str:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.bisection import bisect
-from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.contact import Contact, impedance
 from tensegrity_mj.vibration.integrators import polynomial
 from tensegrity_mj.vibration.stepping import Scheme
 
@@ -33,17 +33,6 @@ DEPTHS = 400  # looked at, up to the width of the impedance; deeper it is consta
 RESOLVED_RUNGE_KUTTA, RESOLVED_FIRST_ORDER = 0.1, 0.01
 SLACK = 1 + 1e-9  # of steps that are just at a bound
 OUTSIDE = 4.0  # |z| beyond which Runge-Kutta's |R(z)| > 1 for all Re z <= 0
-
-
-def impedance(contact: Contact, depth: Array) -> tuple[Array, Array]:
-    """d and ∂d/∂r [1/m] at depths r >= 0 [m]."""
-    d0, d1, width, middle, power = contact.impedance
-    x = np.clip(depth / width, 0.0, 1.0)
-    low = x <= middle
-    y = np.where(low, x / middle, (1 - x) / (1 - middle))  # from the nearer end to the middle, 0 to 1
-    share = np.where(low, middle * y**power, 1 - (1 - middle) * y**power)
-    slope = np.where(depth < width, power * y ** (power - 1), 0.0) / width
-    return d0 + (d1 - d0) * share, (d1 - d0) * slope
 
 
 def small_motion(contact: Contact, depth: Array) -> tuple[Array, Array]:

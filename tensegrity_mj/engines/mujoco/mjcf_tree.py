@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.arrays import Array, rotations_to
+from tensegrity_mj.basics.arrays import Array, rotations_to, unit
 from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
@@ -69,12 +69,6 @@ def quaternion(rotation: Array) -> Array:
     )
     q = products[largest] / (2 * math.sqrt(squares[largest]))
     return np.asarray(q / np.linalg.norm(q))
-
-
-def unit(vector: Iterable[float]) -> Array:
-    """The vector (3,) with length 1."""
-    array: Array = np.array(tuple(vector), float)
-    return array / float(np.linalg.norm(array))
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -194,7 +188,7 @@ def _body_tree(scene: Scene) -> BodyTree:
     moved_nodes = tuple((row, moved_directions(motion, np.eye(3))) for row, motion in fixed)
     built = _frames(scene, scene.nodes0)
     planes = [rod.support.plane for rod in structure.rods]
-    normals = np.array([np.zeros(3) if plane is None else unit(plane) for plane in planes]).reshape(-1, 3)
+    normals = np.array([np.zeros(3) if plane is None else unit(np.array(plane)) for plane in planes]).reshape(-1, 3)
     return BodyTree(forest, tuple(order), tuple(joints), moved_nodes, built, normals)
 
 

@@ -21,11 +21,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, unit
+from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import direction, each, flag, number, part, within
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.rods import total_mass
 from tensegrity_mj.model.structure import Structure
 
 if TYPE_CHECKING:
@@ -111,8 +113,7 @@ class Contact:
     @property
     def up(self) -> Array:
         """The floor's unit normal (3,)."""
-        normal = np.array(self.normal, float)
-        return normal / float(np.linalg.norm(normal))
+        return unit(np.array(self.normal, float))
 
 
 MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
@@ -244,6 +245,17 @@ def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tupl
     return found
 
 
+def impedance(contact: Contact, depth: Array) -> tuple[Array, Array]:
+    """d and ∂d/∂r [1/m] at depths r >= 0 [m]."""
+    d0, d1, width, middle, power = contact.impedance
+    x = np.clip(depth / width, 0.0, 1.0)
+    low = x <= middle
+    y = np.where(low, x / middle, (1 - x) / (1 - middle))  # from the nearer end to the middle, 0 to 1
+    share = np.where(low, middle * y**power, 1 - (1 - middle) * y**power)
+    slope = np.where(depth < width, power * y ** (power - 1), 0.0) / width
+    return d0 + (d1 - d0) * share, (d1 - d0) * slope
+
+
 def carrying_depth(contact: Contact, acceleration: float) -> float:
     """Depth [m] up to which a start may overlap: twice that at which a contact carries what presses on it, at rest.
 
@@ -251,18 +263,12 @@ def carrying_depth(contact: Contact, acceleration: float) -> float:
     (1 - d) A = d k r, or r = (1 - d) d₁² A / (d² stiffness): its right side falls as d grows with r, so that there is
     one such r. A load that is put on a spring at once sinks in twice as deep as it rests, and dampers only lessen it.
     """
-    d0, d1, width, middle, power = contact.impedance
 
-    def rests(depth: float) -> bool:
-        x = min(depth / width, 1.0)
-        rise = x**power / middle ** (power - 1) if x <= middle else 1 - (1 - x) ** power / (1 - middle) ** (power - 1)
-        d = d0 + (d1 - d0) * rise
-        return depth >= (1 - d) * d1**2 * acceleration / (d**2 * contact.stiffness)
+    def carried(depth: float) -> float:
+        d = float(impedance(contact, np.array(depth))[0])
+        return (1 - d) * contact.impedance[1] ** 2 * acceleration / (d**2 * contact.stiffness)
 
-    low, high = 0.0, (1 - d0) * d1**2 * acceleration / (d0**2 * contact.stiffness)
-    for _ in range(100):
-        low, high = (low, 0.5 * (low + high)) if rests(0.5 * (low + high)) else (0.5 * (low + high), high)
-    return 2 * high
+    return 2 * bisect(lambda depth: depth < carried(depth), 0.0, carried(0.0))[1]
 
 
 def check_contact(scene: Scene) -> None:
@@ -301,11 +307,8 @@ def check_contact(scene: Scene) -> None:
 
 def _weight(scene: Scene) -> float:
     """Weight and loads [N] that may press on a contact at the start."""
-    structure = scene.structure
-    mass = float(structure.rod_masses.sum()) + sum(one.mass for one in structure.lone_masses)
-    mass += sum(one.mass for one in structure.bodies)
     if callable(scene.loads):
         loads = float(np.linalg.norm(np.asarray(scene.loads(0.0), float), axis=1).sum())
     else:
         loads = float(sum(np.linalg.norm(load.force) for load in scene.loads))
-    return mass * float(np.linalg.norm(scene.gravity)) + loads
+    return total_mass(scene.structure) * float(np.linalg.norm(scene.gravity)) + loads

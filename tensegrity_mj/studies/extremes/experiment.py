@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.random_structures import random_structure, unit
+from tensegrity_mj.basics.arrays import Array, unit
+from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

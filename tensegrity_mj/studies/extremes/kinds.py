@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import unit
 from tensegrity_mj.library.random_structures import (
     log_uniform,
     random_configuration,
     random_scene,
     random_structure,
     random_velocities,
-    unit,
 )
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
