@@ -65,13 +65,7 @@ def of_extra(extra: str) -> str:
 
     They are the same in a checkout and beside an installed package.
     """
-    return (
-        _quoted([f"{item.name}{_extras(item)}{item.specifier}" for item in requirements_of(extra)]) or f"'.[{extra}]'"
-    )
-
-
-def _extras(item: Requirement) -> str:
-    return f"[{','.join(sorted(item.extras))}]" if item.extras else ""
+    return _quoted([str(item).partition(";")[0].strip() for item in requirements_of(extra)]) or f"'.[{extra}]'"
 
 
 def unmet(item: Requirement) -> str:

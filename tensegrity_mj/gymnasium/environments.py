@@ -137,7 +137,7 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
         Raises:
             ValueError: for a list of another length.
         """
-        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if not _listed(seed) else list(seed)
+        seeds = list(seed) if np.ndim(seed) else [None if seed is None else seed + i for i in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed: {len(seeds)} of them for {self.num_envs} robots; give one, or one each")
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
@@ -208,10 +208,6 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
 def unlimited(**options: Any) -> TensegrityEnv:
     """A `TensegrityEnv` as `gymnasium.make` makes it by name, whose wrapper `TimeLimit` counts the steps."""
     return TensegrityEnv(max_episode_steps=-1, **options)
-
-
-def _listed(seed: Any) -> bool:
-    return isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim > 0)
 
 
 SIZE = (640, 480)  # px
