@@ -194,7 +194,7 @@ def _scored(options: argparse.Namespace) -> Outcome:
         fall = "" if order is None else f", order {order:.2f}"
         rows.append((one.table, f"{quantity(one.error, 'm')} at {one.node}, {quantity(one.time, 's')}{step}{fall}"))
     limit = runs.limit(found)
-    judged = [limit.judged] if limit else [one.judged for one in found]
+    judged = [one.judged for one in found if limit is None or one.step is None] + ([limit.judged] if limit else [])
     sentences = [one.verdict for one in found] + ([limit.verdict] if limit else [])
     data = {"status": "ok", "scene": scene, "reference": reference.header, "tables": tables, "limit": None}
     if limit:

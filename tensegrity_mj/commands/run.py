@@ -24,6 +24,7 @@ from tensegrity_mj.commands.common import (
 )
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, size_of
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -32,7 +33,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video is None:
         shown = ("speed", "thickness") if options.view else ()  # the window has these, too
         refuse(options, [name for name in FILM_OPTIONS if name not in shown], "needs --video FILE.mp4")
-    distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
+    since = Path(options.from_.rpartition("@")[0] or options.from_) if options.from_ else None
+    distinct({"--replay": Path(options.replay) if options.replay else None, "--from": since, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     if options.replay is not None:
         refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
@@ -146,8 +148,15 @@ def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
     before = runs.Trajectory.load(file or time)
     if file and time:
         before = before.at(time)
-    if before.scene.structure.node_names != scene.structure.node_names:
+    was, now = before.scene.structure, scene.structure
+    if was.node_names != now.node_names:
         raise OptionError(f"--from {path}: a run of scene '{before.scene.name}', whose nodes are others")
+    moved, limit = abs(was.positions - now.positions).max(axis=1), CONSTRAINT_TOLERANCE * size_of(now)
+    if moved.max() > limit or was.rod_nodes.tolist() != now.rod_nodes.tolist():
+        raise OptionError(
+            f"--from {path}: a run of scene '{before.scene.name}', whose rods or structure.nodes are others (by up to "
+            f"{moved.max():.3g} m): a run goes on with the same ones"
+        )
     return replace(before, scene=scene)
 
 

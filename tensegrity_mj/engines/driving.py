@@ -52,14 +52,14 @@ class Grid:
         steps = {what: whole_ratio(time, step, f"{what} over the time step") for what, time in intervals}
         count = steps["duration"]
         stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
-        check_rows(count / stride, least_width(request))
         first, stride = steps.get("start", 0), min(stride, count)
         if first % stride and request.output_interval is not None:
             raise OptionError(
                 f"the run begins at {request.begin:.9g} s, which is no multiple of the output interval, "
                 f"{stride * step:.9g} s: give one that divides it"
             )
-        stride = next(each for each in range(stride, 0, -1) if first % each == 0)
+        stride = dividing(first, stride)
+        check_rows(count / stride, least_width(request))
         return cls(step, count, stride, steps.get("control period", 0), first)
 
     def describe(self, plant: Table, rows: Array) -> None:
@@ -80,6 +80,11 @@ def least_width(request: Request) -> int:
     return 6 * len(request.scene.structure.node_names)
 
 
+def dividing(number: int, most: int) -> int:
+    """The largest divisor of a number that is at most `most`."""
+    return next(each for each in range(most, 0, -1) if number % each == 0)
+
+
 def output_times(request: Request) -> Array:
     """Of a run without a grid (T,) [s]: multiples of the output interval, and the end."""
     interval = request.output_interval or DEFAULT_INTERVAL
@@ -89,7 +94,12 @@ def output_times(request: Request) -> Array:
     if request.duration - times[-1] > 1e-9 * interval:
         times = np.append(times, request.duration)
     times[-1] = request.duration
-    return request.begin + times
+    times += request.begin
+    if not (np.diff(times) > 0).all():
+        raise OptionError(
+            f"start_time = {request.begin:g} s: double precision has no samples {interval:g} s apart there"
+        )
+    return times
 
 
 class Stopwatch:

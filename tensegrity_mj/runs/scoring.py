@@ -71,7 +71,7 @@ class Score:
         words = {
             "exact": f"right: {off} off at most, within the error bar of {quantity(self.error_bar, 'm')}",
             "close": f"right to {part} of the motion: {off} off at most",
-            "undecided": f"{off} off, {part} of the motion: not converged or another model; give a second step",
+            "undecided": f"{off} off, {part} of the motion: not converged or another model, which a second step tells",
         }
         own, all_ = self.times
         over = f"{quantity(self.span[0])} to {quantity(self.span[1], 's')}" if own < all_ else "the whole run"
@@ -164,9 +164,11 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
     places[np.ix_(rows, own)] = table.positions[columns] if turn is None else table.positions[columns] @ turn
     gaps = places - reference.positions
     distance = norm(gaps)
-    seen = np.flatnonzero(np.isfinite(distance).any(axis=1))
-    if len(seen) < 2:
-        raise OptionError(f"{table.name}: it has positions at {len(seen)} of the reference's times, two are needed")
+    there = np.isfinite(distance[:, moves > 0])
+    seen, counts = np.flatnonzero(there.any(axis=1)), there.sum(axis=0)  # of each node that moves
+    if counts.min() < 2:
+        node = np.array(reference.nodes)[moves > 0][counts.argmin()]
+        raise OptionError(f"{table.name}: it has '{node}' at {counts.min()} of the reference's times, two are needed")
     at, which = np.unravel_index(np.nanargmax(distance), distance.shape)
     return Score(
         table=table.name,
@@ -177,19 +179,24 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
         error_bar=float(reference.header["error"]),
         motion=float(moves.max()),
         span=(float(reference.time[seen[0]]), float(reference.time[seen[-1]])),
-        times=(len(seen), len(reference.time)),
+        times=(int(counts.min()), len(reference.time)),
         read_as=read_as,
         gaps=gaps,
     )
 
 
 def limit(scores: Sequence[Score]) -> Limit | None:
-    """Where the two tables of the smallest steps lead; None where there are no two with steps that differ."""
+    """Where the two tables of the smallest steps lead.
+
+    None where there are no two with steps that differ, or the coarser lacks the place where the finer is furthest off.
+    """
     known = sorted((one for one in scores if one.step), key=lambda one: one.step or 0.0)
     coarse = next((one for one in known if one.step != known[0].step), None)
     if coarse is None:
         return None
     fine, ratio = known[0], (coarse.step or 0.0) / (known[0].step or 1.0)
+    if np.isnan(norm(coarse.gaps).flat[np.nanargmax(norm(fine.gaps))]):
+        return None
     found = [(np.nanmax(norm(fine.gaps + (fine.gaps - coarse.gaps) / (ratio**p - 1))), p) for p in range(1, 5)]
     error, order = min(found)
     return Limit(order, float(error), fine)

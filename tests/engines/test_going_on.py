@@ -123,6 +123,15 @@ def test_the_command_goes_on_from_a_file(tmp_path: Path, capsys: pytest.CaptureF
     check(tmj.simulate("prism", duration=0.1), tmj.Trajectory.load(second))
     assert main(["run", "tbar", "--from", first]) == 2
     assert "a run of scene 'prism', whose nodes are others" in capsys.readouterr().err
+    prism = tmj.load_scene("prism")
+    wider = replace(
+        prism.structure, nodes=dict(zip(prism.structure.node_names, 1.1 * prism.structure.positions, strict=True))
+    )
+    other = str(tmj.save_scene(tmj.Scene(wider, name="prism", duration=1.0), tmp_path / "wider.toml"))
+    assert main(["run", other, "--from", first, "--out", second]) == 2  # its rods are longer by a tenth
+    assert "a run of scene 'prism', whose rods or structure.nodes are others" in capsys.readouterr().err
+    assert main(["run", "prism", "--from", first, "--out", first]) == 2
+    assert "--from and --out both name" in capsys.readouterr().err
 
 
 def still(**more: Any) -> tmj.Scene:

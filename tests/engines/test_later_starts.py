@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.accuracy.search import Steps
+from tensegrity_mj.engines.driving import Grid
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model import Break, Ground, Load, Motion
 
@@ -149,3 +154,29 @@ def test_what_cannot_begin_later_says_so() -> None:
     assert tmj.simulate(scene.with_(start_time=0.013), None, timestep=H).time[0] == 13 * H  # no multiple of 0.01 s
     with pytest.raises(OptionError, match=r"begins at 0\.013 s, which is no multiple of the output interval"):
         tmj.simulate(scene.with_(start_time=0.013), None, timestep=H, output_interval=0.01)
+
+
+def test_an_accuracy_tries_all_methods_of_a_later_start() -> None:
+    """Samples are at multiples of their interval from time 0 on: of 23 coarsest steps in a run, 115 before it."""
+    request = Request(mass(start_time=0.5), native_law(None, mass().structure), duration=0.1)
+    steps = Steps.of(request, 0.0045)
+    assert (steps.first, steps.count) == (115, 23)
+    for step in (steps.unit, steps.unit / 2, steps.unit / 4):
+        interval = steps.recorded_each(step)
+        grid = Grid.of(replace(request, output_interval=interval), step)
+        assert grid.times[1] - grid.times[0] == pytest.approx(interval, rel=1e-9)  # ulps of 0.5 s, of 4 ms
+        assert grid.times[0] == pytest.approx(0.5, abs=EPS)
+
+
+def test_a_late_start_records_no_more_than_memory_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From step 1009, a prime, each of 5000 steps is a sample, 720 kB of 3 nodes; a tenth of these would do."""
+    monkeypatch.setattr("tensegrity_mj.engines.recording.MEMORY_LIMIT", 2e5)
+    request = Request(mass(start_time=1.009), native_law(None, mass().structure), duration=5.0)
+    with pytest.raises(OptionError, match=r"5e\+03 samples"):
+        Grid.of(request, 1e-3)
+
+
+def test_a_start_that_leaves_no_time_between_samples_is_refused() -> None:
+    """Doubles at 1e17 s are 16 s apart."""
+    with pytest.raises(OptionError, match=r"start_time = 1e\+17 s"):
+        tmj.simulate(mass(start_time=1e17), None, "dae")

@@ -161,7 +161,7 @@ BAD = {
     "gaps": (
         "0,0.6,0,0.8\n0.06,0.6",
         "0,,0,0.8\n0.06,",
-        "mine.csv: it has positions at 1 of the reference's times, two",
+        "mine.csv: it has 'tip' at 1 of the reference's times, two",
     ),
     "beyond": ("0.12", "3.06", "mine.csv: t = 3.06 s is beyond the end; the reference has 51 times, from 0 to 3 s"),
     "one time": ("0.06,0.6,0,0.8\n0.12", "0.13", "mine.csv: it has 1 of the reference's times, two are needed"),
@@ -354,6 +354,29 @@ def test_a_table_may_have_gaps(tmp_path: Path) -> None:
         found = score(reference, read_table(tmp_path / "mine.csv"))
         assert (found.judged, found.times, found.span) == ("exact", (int(known.sum()), 51), (0.0, 2.0))
         assert f"({known.sum()} of 51 times)" in found.verdict
+
+
+def test_what_tables_do_not_show_is_not_right(tmp_path: Path) -> None:
+    """A node that moves is needed at two times, a limit where the finer table is furthest off; each table counts."""
+    reference, (coarse, fine) = reference_of("pinned"), stepped(1, 0.0)[:2]
+    row = int(np.linalg.norm(reference.positions - reference.positions[0], axis=2).max(axis=0).argmax())
+    places = reference.positions.copy()
+    places[5:9, row] = np.nan
+    count = len(reference.time)
+    assert score(reference, replace(fine, positions=places)).times == (count - 4, count)
+    places[1:, row] = np.nan
+    with pytest.raises(OptionError, match=f"it has '{reference.nodes[row]}' at 1 of the reference's times"):
+        score(reference, replace(fine, positions=places))
+    both = [score(reference, one) for one in (coarse, fine)]
+    assert limit(both) is not None
+    few = replace(coarse, time=coarse.time[[0, 1]], positions=coarse.positions[[0, 1]])
+    assert both[1].time > few.time[-1]
+    assert limit([score(reference, few), both[1]]) is None
+    for name, table in (("a", coarse), ("b", fine), ("c", replace(stepped(1, 0.2)[0], header={}))):
+        saved(table, tmp_path / f"{name}.csv")
+    files = [str(tmp_path / f"{name}.csv") for name in "abc"]
+    assert main(["compare", "pinned", *files[:2], "--score"]) == 0
+    assert main(["compare", "pinned", *files, "--score"]) == 7
 
 
 def test_the_water_of_many_segments_is_the_reference(references: ModuleType) -> None:

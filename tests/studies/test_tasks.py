@@ -413,6 +413,7 @@ def test_one_number_stands_for_all_limits_and_a_string_may_be_left_as_it_is() ->
     [
         (None, "task: terms returned None; it must be a mapping of names to numbers (n,)"),
         (1.0, "task: terms returned 1.0"),
+        ({3: 1.0}, "task: terms returned {3: 1.0}"),
         ({"h": None}, "task: term 'h' of the reward = None"),
         ({"h": NAN}, "task: term 'h' of the reward = nan; every number must be finite"),
         ({"g": 1.0, "h": np.full(2, INF)}, "task: term 'h' of the reward[0] = inf; every number must be finite"),

@@ -221,7 +221,7 @@ class Task:
             OptionError: where `terms` returns no mapping of finite numbers.
         """
         found, kept = self.terms(self, before, after), np.ones(len(after.time), bool) if lost is None else ~lost
-        if not isinstance(found, Mapping):
+        if not isinstance(found, Mapping) or not all(isinstance(name, str) for name in found):
             raise OptionError(
                 f"task: terms returned {value_text(found)}; it must be a mapping of names to numbers (n,)"
             )
