@@ -95,7 +95,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     text = describe(data)
     if after is not None and (run.time >= after).sum() < 2:
-        warn(f"--statistics {after:g}: the run ended at {data['duration']:g} s: there are none")
+        warn(f"--statistics {after:g}: the run ended at {begin + data['duration']:g} s: there are none")
         data["statistics"] = None
     elif after is not None:
         found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
@@ -106,7 +106,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def summary(run: runs.Trajectory) -> dict[str, Any]:
     """The numbers of one run, for --json."""
-    duration = float(run.time[-1]) if len(run.time) else 0.0
+    duration = float(run.time[-1] - run.time[0]) if len(run.time) else 0.0
     wall_time = run.cost.get("wall_time", float("nan"))
     error = run.target_error()
     worst = ("max_force_density", "min_feasibility_margin", "energy_residual", "error_estimate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -121,6 +122,8 @@ def test_the_command_goes_on_from_a_file(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["run", "prism", "--from", first, "--duration", "0.05", "--out", second]) == 0
     assert "warning" not in capsys.readouterr().err
     check(tmj.simulate("prism", duration=0.1), tmj.Trajectory.load(second))
+    assert main(["run", "prism", "--from", first, "--duration", "0.02", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["duration"] == pytest.approx(0.02, rel=1e-12)  # ulps of 0.07 s
     assert main(["run", "tbar", "--from", first]) == 2
     assert "a run of scene 'prism', whose nodes are others" in capsys.readouterr().err
     prism = tmj.load_scene("prism")
