@@ -144,9 +144,9 @@ def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
     """The run of --from, with the scene as it is now."""
     if path is None:
         return None
-    file, _, time = (path, "", "") if Path(path).is_file() else path.rpartition("@")
+    file, _, time = ("", "", path) if Path(path).is_file() else path.rpartition("@")
     before = runs.Trajectory.load(file or time)
-    if file and time:
+    if file:
         before = before.at(time)
     was, now = before.scene.structure, scene.structure
     if was.node_names != now.node_names:
@@ -154,8 +154,8 @@ def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
     moved, limit = abs(was.positions - now.positions).max(axis=1), CONSTRAINT_TOLERANCE * size_of(now)
     if moved.max() > limit or was.rod_nodes.tolist() != now.rod_nodes.tolist():
         raise OptionError(
-            f"--from {path}: a run of scene '{before.scene.name}', whose rods or structure.nodes are others (by up to "
-            f"{moved.max():.3g} m): a run goes on with the same ones"
+            f"--from {path}: a run of scene '{before.scene.name}', whose rods, or the places of its nodes, are others "
+            f"(by up to {moved.max():.3g} m): a run goes on with the same ones"
         )
     return replace(before, scene=scene)
 

@@ -132,7 +132,7 @@ def test_the_command_goes_on_from_a_file(tmp_path: Path, capsys: pytest.CaptureF
     )
     other = str(tmj.save_scene(tmj.Scene(wider, name="prism", duration=1.0), tmp_path / "wider.toml"))
     assert main(["run", other, "--from", first, "--out", second]) == 2  # its rods are longer by a tenth
-    assert "a run of scene 'prism', whose rods or structure.nodes are others" in capsys.readouterr().err
+    assert "a run of scene 'prism', whose rods, or the places of its nodes, are others" in capsys.readouterr().err
     assert main(["run", "prism", "--from", first, "--out", first]) == 2
     assert "--from and --out both name" in capsys.readouterr().err
 
@@ -159,6 +159,8 @@ def test_a_run_goes_on_from_any_of_its_samples(tmp_path: Path, capsys: pytest.Ca
     assert "has no sample at 0.044 s; the nearest: 0.04 s and 0.05 s" in capsys.readouterr().err
     assert main([*given, "--from", f"{file}@soon"]) == 2
     assert "time = 'soon'; it must be a finite number [s]" in capsys.readouterr().err
+    assert main([*given, "--from", f"{file}@"]) == 2
+    assert "time = ''; it must be a finite number [s]" in capsys.readouterr().err
     with pytest.raises(tmj.errors.OptionError, match=r"no sample at 0\.2 s; the nearest: 0\.1 s"):
         whole.at(0.2)
     # The kept state is that of the end alone.

@@ -353,6 +353,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"observed": "nodes"}, "task: observed = 'nodes'; it must be a sequence"),
     ({"observed": ()}, "task: observed = (); name at least one of nodes, shape"),
     ({"observed": (3,)}, "task: observed[0] = 3"),
+    ({"observed": ("nodes", "nodes")}, "task: observed = ('nodes', 'nodes'); name each once"),
     ({"observed": ("goal",)}, "task: observed has 'goal': give the task a goal, or leave it out"),
     ({"of": "pulley", "observed": ("target",)}, "observed has 'target': scene 'pulley' has none"),
     ({"of": "massive_string", "observed": ("imu",)}, "observed has 'imu': scene 'massive_string' has neither rods"),

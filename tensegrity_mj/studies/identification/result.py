@@ -198,9 +198,10 @@ def verdicts(data: Data) -> Iterator[tuple[Mark, str]]:
     """Sentences with their marks: how the fit ended, its residuals, and what it leaves undetermined."""
     count, ended = sum(len(one["time"]) for one in data["series"]), "ended" if data["converged"] else "did not end"
     sure = data["converged"] and not data["doubts"]
+    of = len(data["parameters"])
     yield (
         Mark.GOOD if sure else Mark.LIMITED if data["converged"] else Mark.BAD,
-        f"{len(data['parameters'])} parameters of {count} numbers: the fit {ended} at run {data['runs']}"
+        f"{of} parameter{'' if of == 1 else 's'} of {count} numbers: the fit {ended} at run {data['runs']}"
         + (f"; the run with the estimates is in doubt: {in_short(data['doubts'])}." if data["doubts"] else "."),
     )
     if (p := data["p_value"]) is not None:

@@ -200,6 +200,8 @@ class Task:
         for name in ("goal", "target", "imu"):
             if name in self.observed and not need[name][0]:
                 raise refused(self, f"observed has '{name}': {need[name][1]}, or leave it out")
+        if len(set(self.observed)) < len(self.observed):
+            raise refused(self, f"observed = {self.observed}; name each once")
         if not self.observed:
             raise refused(self, f"observed = (); name at least one of {', '.join(READERS)}")
         for name in () if self.goal is None else self.goal.nodes:
