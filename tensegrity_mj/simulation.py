@@ -18,7 +18,8 @@ from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.continuing import scene_at_end, start_of
 from tensegrity_mj.engines.request import AcceleratingEngine, Request, request_for, settled
-from tensegrity_mj.engines.table import checked_engine, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until

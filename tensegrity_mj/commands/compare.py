@@ -215,7 +215,7 @@ def _engines(options: argparse.Namespace) -> tuple[str, str]:
 
 
 def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[runs.Trajectory, runs.Trajectory]:
-    from tensegrity_mj.engines.table import engines_for, only_one
+    from tensegrity_mj.engines.requirements import engines_for, only_one
 
     experiment.check_control(options)
     scene = library.load_scene(options.inputs[0])

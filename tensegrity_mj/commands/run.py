@@ -24,7 +24,6 @@ from tensegrity_mj.commands.common import (
 )
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, size_of
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -142,6 +141,8 @@ def describe(data: dict[str, Any]) -> str:
 
 def _before(path: str | None, scene: model.Scene) -> runs.Trajectory | None:
     """The run of --from, with the scene as it is now."""
+    from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, size_of
+
     if path is None:
         return None
     file, _, time = ("", "", path) if Path(path).is_file() else path.rpartition("@")

@@ -20,7 +20,7 @@ from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
 from tensegrity_mj.engines.mujoco.settings import Integrator
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:

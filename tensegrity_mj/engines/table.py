@@ -17,7 +17,6 @@ from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
     BODIES,
-    BREAKS,
     CLASS_K,
     CLOSED_LOOPS,
     CONSTRAINTS,
@@ -27,18 +26,12 @@ from tensegrity_mj.model.capabilities import (
     ELEMENT_STATES,
     FUNCTION_LOADS,
     FUNCTION_MOTIONS,
-    LATER_START,
-    MOVED_SUPPORTS,
     NO_ARRAYS,
-    NOT_LINEAR,
-    PUSHING_DAMPERS,
     UNEVEN_MASS,
     YIELDING,
     Descriptor,
     Limit,
-    refusal,
 )
-from tensegrity_mj.model.scene import Scene
 
 _WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
 _OWN_NODES = "give each rod nodes of its own"
@@ -269,110 +262,3 @@ def checked_engine(engine: Any, what: str = "run") -> Any:
 def _classes(call: str = "", last: str = ", ") -> str:
     names = [row.place.partition(":")[2] + call for row in ENGINES.values()]
     return last.join([", ".join(names[:-1]), names[-1]])
-
-
-_STILL = "leave motions out (scene.with_(motions=()))"
-_PUSHING_DAMPERS = Limit(
-    PUSHING_DAMPERS,
-    "such strings change the model as they go slack, and many simulations share it",
-    "use simulate, or run_many",
-    OptionError,
-)
-_LATER = Limit(LATER_START, "its clock begins at 0", "use simulate or run_many, or start_time = 0", OptionError)
-_STATES_AT_REST = Limit(
-    ELEMENT_STATES,
-    "the states of elements are not solved for",
-    "replace the element by one without a state whose forces are those at rest, or let a damped run come to rest",
-)
-_OWN_STARTS = "leave start out, and vary numbers of the scene by draws"
-# What functions cannot do, whichever the engine.
-USES: Mapping[str, tuple[Limit, ...]] = {
-    "linearize": (Limit(MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
-    "engine_equilibrium": (
-        Limit(MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),
-        _STATES_AT_REST,
-    ),
-    "statics": (_STATES_AT_REST,),
-    "simulate_many": (_LATER, _PUSHING_DAMPERS),
-    "law_in": (
-        _LATER,
-        _PUSHING_DAMPERS,
-        Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
-        Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
-        Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
-    ),
-    "random starts": (
-        Limit(CLOSED_LOOPS, "a start by chance would tear the loop open", _OWN_STARTS, OptionError),
-        Limit(CONSTRAINTS, "a start by chance would not keep it", _OWN_STARTS, OptionError),
-    ),
-    "MuJoCo's model": ELASTIC_LIMITS,
-    "dm_control models": (
-        _LATER,
-        Limit(ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"),
-        Limit(
-            CLASS_K,
-            "they are for structures of class 1, whose rods share no node",
-            "use simulate or law_in, or give each rod nodes of its own",
-            StructureError,
-        ),
-        Limit(MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
-        Limit(
-            ADDED_MASS,
-            "they hold forces over a step, and that of added mass depends on the accelerations of each stage",
-            "use simulate or law_in, or leave it out (scene.with_(water=None))",
-        ),
-        Limit(NOT_LINEAR, "their actuators are linear, and act between the steps alone", "use simulate or law_in"),
-        Limit(ELEMENT_STATES, "they integrate no states but MuJoCo's own", "use simulate or simulate_many"),
-    ),
-}
-
-
-def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
-    """Raise an error that names the item, who refuses it, why, and which engines take it, unless a scene can be done.
-
-    Args:
-        engine: options of an engine, or None where it is the use alone that counts. One without `descriptor` is held
-            to simulate all scenes.
-        scene: what is to be done.
-        use: a name of `USES`, for its own limits.
-        where: begins the item, as "scenes[1]".
-
-    Raises:
-        SceneError, StructureError, OptionError: as the limit says.
-    """
-    place = f"{where}: " if where else ""
-    for limit in USES[use] if use else ():
-        if found := limit.trait.find(scene):
-            raise limit.error(f"{use}: {place}{found}: {limit.reason}; {limit.remedy}")
-    if refused := refusal(engine, scene):
-        limit, found, setting = refused
-        title = engine.descriptor.title
-        able = " or ".join(_title(name) for name in engines_for(scene) or engines_for(scene, extra=True))
-        others = "" if setting else f"use {able}, or " if able else "no engine simulates it: "
-        who = f"{title} with {setting}" if setting else title
-        raise limit.error(f"{who}: {place}{found}: {limit.reason}; {others}{limit.remedy}")
-
-
-def _title(name: str) -> str:
-    row = ENGINES[name]
-    return f"{row.title} (of the extra '{row.extra}')" if row.extra else row.title
-
-
-def engines_for(scene: Scene, extra: bool = False) -> list[str]:
-    """The names of the engines that simulate a scene, with some of their options at least.
-
-    Those that come with the package, or those of its extras.
-    """
-    return [
-        name
-        for name, row in ENGINES.items()
-        if bool(row.extra) is extra
-        and not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
-    ]
-
-
-def only_one(scene: Scene) -> str:
-    """Words for a scene that one engine alone simulates: what it has, and the engine."""
-    (name,) = engines_for(scene)
-    found = {limit.trait.find(scene): None for row in ENGINES.values() for limit in row.limits if limit.setting is None}
-    return f"{', '.join(words for words in found if words)}, which {ENGINES[name].title} alone simulates"

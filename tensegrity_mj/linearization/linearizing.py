@@ -45,7 +45,8 @@ from tensegrity_mj.basics.checks import finite, instance, member, real_array
 from tensegrity_mj.controllers.scenes import AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import Command, native_law
 from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Request
-from tensegrity_mj.engines.table import checked_engine, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.chart import chart_of
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, reach_of, settled

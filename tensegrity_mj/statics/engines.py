@@ -22,7 +22,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.request import AcceleratingEngine, Request
-from tensegrity_mj.engines.table import checked_engine, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.linearization.chart import Chart, chart_of
 from tensegrity_mj.linearization.differences import reach_of

@@ -23,7 +23,7 @@ from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import instance, member, real_array
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of, slopes_of
 from tensegrity_mj.model.elements.resistance import bending_joints

@@ -16,7 +16,8 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, NativeLaw, native_law
 from tensegrity_mj.engines.request import Request, request_for, settled
-from tensegrity_mj.engines.table import ENGINES, checked_engine, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES, checked_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.elastic_rods import carried

@@ -8,7 +8,8 @@ import pytest
 from maxwell import Maxwell
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.table import ENGINES, USES, engine_class, engines_for, installed, require
+from tensegrity_mj.engines.requirements import USES, engines_for, require
+from tensegrity_mj.engines.table import ENGINES, engine_class, installed
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status
 

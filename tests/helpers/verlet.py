@@ -13,7 +13,7 @@ from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.engines.driving import Grid, progress
 from tensegrity_mj.engines.request import Accelerations, Request
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model import rods, strings
 from tensegrity_mj.model.capabilities import BREAKS, CONTACT, ELEMENTS, MOVED_SUPPORTS, Descriptor, Limit, Trait

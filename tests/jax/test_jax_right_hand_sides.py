@@ -18,7 +18,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.basics.arrays import Array, norm
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError, SceneError, StructureError
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.element import forces_of

@@ -216,7 +216,7 @@ def test_constant_forces_are_in_tables_and_refused_where_strings_need_a_stiffnes
 
 
 def test_uses_that_have_no_memory_or_are_linear_refuse_them() -> None:
-    from tensegrity_mj.engines.table import require
+    from tensegrity_mj.engines.requirements import require
 
     structure = three().structure
     scene = three().with_(structure=structure.with_strings(damping=0.0))

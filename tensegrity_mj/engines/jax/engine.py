@@ -20,7 +20,8 @@ from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.jax.integrate import Tolerances
 from tensegrity_mj.engines.jax.program import Program
 from tensegrity_mj.engines.request import Accelerations, Request, request_for, settled
-from tensegrity_mj.engines.table import ENGINES, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import DerivativeWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.scene import Scene

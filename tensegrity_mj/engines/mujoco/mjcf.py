@@ -38,7 +38,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
 from tensegrity_mj.engines.mujoco.mjcf_tree import quaternion as quaternion
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.scene import Scene

@@ -36,7 +36,7 @@ from tensegrity_mj.engines.mujoco.run_view import (
 )
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene

@@ -25,7 +25,8 @@ from tensegrity_mj.engines.reference.equations import RODS
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.engines.table import ENGINES, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

@@ -21,7 +21,8 @@ from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.engines.table import ENGINES, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.stepping import Stepping

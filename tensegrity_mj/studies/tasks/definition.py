@@ -25,7 +25,7 @@ from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.mujoco.contact import spins
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
-from tensegrity_mj.engines.table import require
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.elements.contact import overlaps

@@ -16,7 +16,8 @@ from tensegrity_mj.basics.checks import check_known, checked, sequence_of
 from tensegrity_mj.basics.kinds import whole
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.table import engine_settings, require
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.axes import Draw

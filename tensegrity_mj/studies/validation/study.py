@@ -13,7 +13,8 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.seconds import fitted
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, named_in
-from tensegrity_mj.engines.table import ENGINES, engines_for, installed, only_one
+from tensegrity_mj.engines.requirements import engines_for, only_one
+from tensegrity_mj.engines.table import ENGINES, installed
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
