@@ -110,6 +110,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             remedy = f"install it with python -m pip install {distribution_of(name)}"
             message = f"the Python package '{name}' is missing: {remedy}"
             return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
+        *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if isinstance(error, ImportError) and not name and package != "tensegrity_mj":
+            remedy = "tensegrity-mj doctor names what is wrong with the packages"
+            message = f"the Python package '{package}' cannot be imported ({error}): {remedy}"
+            return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
         # A mistake of ours: Python prints its traceback, but who requested JSON gets an answer too.
         if not as_json:
             raise

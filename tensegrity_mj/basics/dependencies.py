@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module, metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.errors import MissingPackageError
@@ -75,6 +76,26 @@ def unmet(item: Requirement) -> str:
     except metadata.PackageNotFoundError:
         return "not installed"
     return "" if item.specifier.contains(version, prereleases=True) else f"{version}, needed: {item.specifier}"
+
+
+def half_removed(item: Requirement) -> list[str]:
+    """Distributions whose files are not all there: of an installed requirement, and of what it requires itself.
+
+    pip leaves MuJoCo so where it brings one of 3.x to 4.0, and calls it installed (findings/mujoco_upgrade_by_pip.sh).
+    """
+    from packaging.requirements import Requirement
+
+    needs = [Requirement(line) for line in metadata.requires(item.name) or []]
+    names = [item.name, *(need.name for need in needs if need.marker is None or need.marker.evaluate({"extra": ""}))]
+    return [name for name in names if not _is_whole(name)]
+
+
+def _is_whole(name: str) -> bool:
+    try:
+        files = metadata.files(name) or []
+    except metadata.PackageNotFoundError:
+        return False
+    return all(Path(str(file.locate())).exists() for file in files if file.suffix != ".pyc")
 
 
 def requirements_of_dm_control() -> list[Requirement]:

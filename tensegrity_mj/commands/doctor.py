@@ -104,7 +104,11 @@ def check_package(item: Requirement) -> Check:
     if found := dependencies.unmet(item):
         remedy = f'python -m pip install "{item.name}{item.specifier}"'
         return Check(item.name, False, found, "everything", remedy=remedy)
-    return Check(item.name, True, metadata.version(item.name), "everything")
+    version = metadata.version(item.name)
+    if gone := dependencies.half_removed(item):
+        remedy = f"python -m pip install --force-reinstall --no-deps {' '.join(dict.fromkeys([*gone, item.name]))}"
+        return Check(item.name, False, f"{version}, without files of {', '.join(gone)}", "everything", remedy=remedy)
+    return Check(item.name, True, version, "everything")
 
 
 def check_extras() -> list[Check]:

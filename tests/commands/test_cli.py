@@ -114,6 +114,23 @@ def test_help_and_parsing_load_no_heavy_library() -> None:
     assert child.returncode == 0, child.stderr
 
 
+def test_a_package_that_is_there_and_cannot_be_imported_is_named(tmp_path: Path) -> None:
+    (tmp_path / "mujoco").mkdir()
+    (tmp_path / "mujoco" / "__init__.py").write_text("raise ImportError('no core')", encoding="utf-8")
+    for backend in ("", "egl"):
+        child = subprocess.run(
+            [sys.executable, "-m", "tensegrity_mj", "run", "prism"],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(tmp_path), "MUJOCO_GL": backend},
+        )
+        assert child.returncode == 5
+        assert "cannot be imported" in child.stderr
+        assert "no core" in child.stderr
+        assert "tensegrity-mj doctor" in child.stderr
+        assert "Traceback" not in child.stderr
+
+
 def test_choices_are_the_values_of_the_enums() -> None:
     for option, kind in (
         ("--integrator", tmj.Integrator),

@@ -50,6 +50,24 @@ def test_a_missing_package_and_an_old_one_are_distinguished() -> None:
     assert check_package(Requirement("numpy>=1")).works
 
 
+def test_a_package_whose_files_were_removed_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As pip leaves MuJoCo that it brings from 3.x to 4.0: findings/mujoco_upgrade_by_pip.sh."""
+    for name, requires in {"ours-whole": "Requires-Dist: ours-core>=1\n", "ours-core": ""}.items():
+        folder = tmp_path / f"{name.replace('-', '_')}-1.0.dist-info"
+        folder.mkdir()
+        text = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n{requires}"
+        (folder / "METADATA").write_text(text, encoding="utf-8")
+        (folder / "RECORD").write_text(f"{name}.py,,\n{name}.pyc,,\n", encoding="utf-8")
+        (tmp_path / f"{name}.py").write_text("", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert check_package(Requirement("ours-whole")).works
+    (tmp_path / "ours-core.py").unlink()
+    found = check_package(Requirement("ours-whole"))
+    assert not found.works
+    assert found.found == "1.0, without files of ours-core"
+    assert found.remedy.endswith("--force-reinstall --no-deps ours-core ours-whole")
+
+
 def test_opengl_that_is_switched_off_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "disabled")
     check = check_opengl()

@@ -26,8 +26,8 @@ def _check_import() -> None:
         ) from error
     except Exception as error:  # PyOpenGL without the library: ImportError, AttributeError, OSError
         raise MissingLibraryError(
-            f"MUJOCO_GL={chosen}: MuJoCo cannot be imported, as that kind of OpenGL does not work here "
-            f"({type(error).__name__}: {error}); unset MUJOCO_GL, or install it"
+            f"MUJOCO_GL={chosen}: MuJoCo cannot be imported ({type(error).__name__}: {error}); tensegrity-mj doctor "
+            "says whether MuJoCo is whole; if so, this kind of OpenGL does not work here: unset it, or install that"
         ) from error
 
 
