@@ -131,7 +131,7 @@ def accelerations(
     Args:
         scene: what moves; elements with states have those that they start with.
         controller: a law, evaluated at the state; the scene's own by default. None for no law.
-        engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
+        engine: `MuJoCo(...)` (default), `DAE(...)`, `ODE(...)` or `JAX(...)`; only its equations count, not its steps.
         nodes, velocities: (N, 3) [m] and [m/s]; the scene's start by default.
         time: [s], at which forces act, supports have moved, and strings have broken; the scene's start by default.
         rest_lengths: (M,) [m]; the structure's by default, or what the law sets.

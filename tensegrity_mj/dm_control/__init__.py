@@ -23,7 +23,7 @@ from tensegrity_mj.dm_control.environments import environment as environment  # 
 from tensegrity_mj.dm_control.environments import task_environment as task_environment  # noqa: E402
 from tensegrity_mj.dm_control.models import physics as physics  # noqa: E402
 from tensegrity_mj.dm_control.repairing import repair as repair  # noqa: E402
-from tensegrity_mj.studies.tasks.definition import RandomStart as RandomStart  # noqa: E402
+from tensegrity_mj.studies.tasks.starts import RandomStart as RandomStart  # noqa: E402
 
 if TYPE_CHECKING:  # these subclass dm_control's own classes, which are repaired before they are imported
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity

@@ -22,8 +22,9 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import RandomStart, Task, target_distance
+from tensegrity_mj.studies.tasks.definition import Task, target_distance
 from tensegrity_mj.studies.tasks.robots import task_of
+from tensegrity_mj.studies.tasks.starts import RandomStart
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment

@@ -14,7 +14,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dm_control.stepping import ScenePhysics, checked_command
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import State, Task, displace
+from tensegrity_mj.studies.tasks.definition import State, Task
+from tensegrity_mj.studies.tasks.starts import displace
 
 # How far outside its bounds an action may be, relative to their size: single precision, rounded.
 ROUNDING = 1e-6

@@ -17,8 +17,8 @@ from tensegrity_mj.engines.mujoco.prepared import prepared, within
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.studies import Choice, Draw, Uniform
 from tensegrity_mj.studies.tasks import Goal, RandomStart, Task, World, gait, measured_error, task_of
-from tensegrity_mj.studies.tasks.definition import displace, node_states
 from tensegrity_mj.studies.tasks.robots import TASKS
+from tensegrity_mj.studies.tasks.starts import displace, node_states
 
 ONE = np.zeros(1, np.int64)
 

@@ -26,7 +26,8 @@ from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import RandomStart, displace, substeps
+from tensegrity_mj.studies.tasks.definition import substeps
+from tensegrity_mj.studies.tasks.starts import RandomStart, displace
 
 VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 NEVER = 2**40  # steps: more than any episode has

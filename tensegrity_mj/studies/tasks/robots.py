@@ -21,7 +21,8 @@ from tensegrity_mj.library.spine import spine
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.tasks.definition import Goal, RandomStart, State, Task, effort
+from tensegrity_mj.studies.tasks.definition import Goal, State, Task, effort
+from tensegrity_mj.studies.tasks.starts import RandomStart
 
 # [m], as `measured_error(name)` gave it: three episodes of actions by chance. A robot that is thrown about so lands on
 # another triangle for the least cause; on its `gait` it does not.
