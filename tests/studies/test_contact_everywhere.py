@@ -110,7 +110,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     contact = scene.contact
     assert contact is not None
     dm_control = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
-    from tensegrity_mj.studies.tasks import definition as drawing
+    from tensegrity_mj.studies.tasks import starts as drawing
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
         start = dm_control.RandomStart(displacement, 1.0, 3)
