@@ -44,6 +44,17 @@ def test_there_are_links_and_a_broken_one_is_found(tmp_path: Path) -> None:
     ]
 
 
+def test_the_changelog_is_one_page_of_short_entries() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert text.count("\n## [Unreleased]\n") == 1
+    for release in text.partition("\n## ")[2].split("\n## "):
+        assert len(release) < 12_000, (
+            f"{release[:20]}: more than a page; a rebase may bring entries of before 0.1.0 back"
+        )
+    long = [line for line in text.splitlines() if len(line) > 200]
+    assert not long, "an entry has one line of at most 200 characters; its details belong into the docs"
+
+
 def test_each_row_of_the_table_of_peers_links_a_test_in_our_column() -> None:
     table = [line for line in (ROOT / "docs" / "peers.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     rows = [line.split("|")[1:3] for line in table[2:]]

@@ -181,6 +181,11 @@ def test_the_version_is_the_same_wherever_it_stands() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(r"^version: (\S+)$", citation, re.MULTILINE)[1] == project()["project"]["version"]  # type: ignore[index]
     assert f"\nlicense: {project()['project']['license']}\n" in citation
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released = re.search(r"^## \[([\d.]+)\] - (\d{4}-\d\d-\d\d)$", changes, re.MULTILINE)  # the newest stands first
+    assert released
+    assert released[1] == project()["project"]["version"]
+    assert re.search(r"^date-released: (\S+)$", citation, re.MULTILINE)[1] == released[2]  # type: ignore[index]
 
 
 def test_all_is_every_extra_of_users() -> None:
