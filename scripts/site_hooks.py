@@ -79,8 +79,6 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         if not path or ":" in path:
             return link[0]
         wanted = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
-        if wanted == "README.md" and anchor == "scenes":
-            wanted, sign, anchor = "docs/gallery.md", "", ""
         place = known.get(wanted) or (wanted.removeprefix("docs/") if wanted.startswith("docs/") else "")
         if wanted == "README.md" and anchor:  # the home page has none of its sections
             place = ""

@@ -1,4 +1,4 @@
-"""Command lines that the guides show are ones that the parser takes; README's and those of --help are in test_cli."""
+"""Command lines that the guides show are ones that the parser takes; those of --help are in test_cli."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tensegrity_mj.cli import build_parser
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
-    *(ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "models").glob("*/README.md")),
 ]

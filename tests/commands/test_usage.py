@@ -144,11 +144,11 @@ def test_the_shell_completes_what_fits(line: str, has: list[str], lacks: list[st
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_the_line_of_the_readme_works(shell: str) -> None:
+def test_the_line_of_the_docs_works(shell: str) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"there is no {shell} here")
     line = 'eval "$(register-python-argcomplete tensegrity-mj)"'
-    assert line in (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    assert line in (Path(__file__).resolve().parents[2] / "docs/command-line.md").read_text(encoding="utf-8")
     ask = {
         "bash": 'COMP_LINE="tensegrity-mj audit dr" COMP_POINT=22 COMP_TYPE=9; complete -p tensegrity-mj\n'
         "COMP_WORDS=(tensegrity-mj audit dr) COMP_CWORD=2; _python_argcomplete tensegrity-mj dr audit\n"

@@ -55,6 +55,20 @@ def test_the_changelog_is_one_page_of_short_entries() -> None:
     assert not long, "an entry has one line of at most 200 characters; its details belong into the docs"
 
 
+def test_the_readme_is_short_and_its_first_commands_set_everything_up() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.encode()) <= 5000
+    commands = re.findall(r"^(bash scripts/\w+\.sh|tensegrity-mj .*?)(?: +#.*)?$", text, re.MULTILINE)
+    assert commands == ["bash scripts/demo.sh", "bash scripts/test.sh"]
+    code = text.partition("```python\n")[2].partition("```")[0]
+    assert len([line for line in code.splitlines() if line]) <= 13
+
+
+def test_the_page_of_scenes_has_every_scene() -> None:
+    rows = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(rows) == sorted(path.parent.name for path in ROOT.glob("models/*/scene.toml"))
+
+
 def test_each_row_of_the_table_of_peers_links_a_test_in_our_column() -> None:
     table = [line for line in (ROOT / "docs" / "peers.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     rows = [line.split("|")[1:3] for line in table[2:]]

@@ -103,12 +103,12 @@ def test_commands_stand_in_blocks_whose_lines_break_on_a_phone() -> None:
                 assert kind == "bash", f"{path.name}: {line}"
 
 
-def test_the_paper_cites_what_is_there_and_its_numbers_are_the_readmes() -> None:
+def test_the_paper_cites_what_is_there_and_its_numbers_are_those_of_the_docs() -> None:
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))
     assert set(re.findall(r"[\[ ]@(\w+)(?=[\];])", text)) == entries
     measured = text.partition("# Accuracy, size and speed")[2].partition("**Speed.**")[0]
-    flat = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    flat = " ".join((ROOT / "docs" / "trust.md").read_text(encoding="utf-8").split())
     numbers = re.findall(
         r"\d+\.\d+e-\d+|\d{3,} of \d{3,}|median of [\d.]+|\d+ were right|\d+ warned|\d+ of \d+ random", measured
     )
