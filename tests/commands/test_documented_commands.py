@@ -13,7 +13,7 @@ from tensegrity_mj.cli import build_parser
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "models").glob("*/README.md")),
 ]
 HELD_OPEN = re.compile(r"[<\[]|\.\.\.|^[A-Z][A-Z.]*$|=[A-Z]+$")  # a word to be put in or left out: <name>, SCENE, X=Y

@@ -1,7 +1,7 @@
 """Viscous forces, drag, bending, waves, buoyancy and added mass against formulas by hand, in both engines.
 
 MuJoCo and the DAE call the same compiled functions for these, so that their agreement says nothing of them. What is
-expected here is written in NumPy from its physics and calls nothing of the package. CONTRIBUTING.md lists which
+expected here is written in NumPy from its physics and calls nothing of the package. docs/developing/third-means.md lists which
 function is checked where.
 
 Tolerances of motions: the DAE's error control, 1e-12 of a step, grows to 1e-10 over the run; RK4 at h = 1 ms errs by

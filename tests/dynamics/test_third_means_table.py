@@ -1,4 +1,4 @@
-"""Each compiled function that engines share has a row in CONTRIBUTING.md, and each row a test that exists."""
+"""Each compiled function that engines share has a row in docs/developing/third-means.md, and each row a test."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ ROOT = Path(__file__).resolve().parents[2]
 COMPILED = {"borrowing", "inlined", "owning", "njit"}  # decorators
 
 
-def section() -> str:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    return text.split("## What engines share\n")[1].split("\n## ")[0]
+PAGE = (ROOT / "docs" / "developing" / "third-means.md").read_text(encoding="utf-8")
 
 
 def rows() -> list[list[str]]:
-    lines = [line for line in section().splitlines() if line.startswith("|")][2:]
+    lines = [line for line in PAGE.splitlines() if line.startswith("|")][2:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
@@ -63,7 +61,7 @@ def test_every_test_that_the_table_names_is_there() -> None:
             count += len(names)
             assert set(names) <= functions_of(ROOT / path), part
     assert count > 25
-    rest = section().split("Segments of rods")[1]
+    rest = PAGE.split("Segments of rods")[1]
     below = re.findall(r"`(tests/[a-z_0-9/]+\.py)`((?:[^`]|`test_[a-z_0-9]+`)*)", rest)
     assert len(below) == 4
     for path, text in below:

@@ -1,4 +1,4 @@
-"""A spring to the ground with a compiled function, written as CONTRIBUTING.md's recipe for elements says."""
+"""A spring to the ground with a compiled function, written as docs/developing/models.md says."""
 
 from __future__ import annotations
 

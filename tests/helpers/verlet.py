@@ -1,4 +1,4 @@
-"""An engine as CONTRIBUTING.md's recipe makes one: point masses on strings, by velocity Verlet, in NumPy."""
+"""An engine as docs/developing/models.md makes one: point masses on strings, by velocity Verlet, in NumPy."""
 
 from __future__ import annotations
 

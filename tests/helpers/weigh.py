@@ -1,4 +1,4 @@
-"""A command as CONTRIBUTING.md's recipe makes one: the mass of a scene's structure."""
+"""A command as docs/developing/tools.md makes one: the mass of a scene's structure."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_the_package_has_at_most_41_names() -> None:
 
 
 def test_names_in_the_guides_are_there() -> None:
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "models").glob("*/README.md")]
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "models").glob("*/README.md")]
     named = {(page.name, name) for page in pages for name in re.findall(r"\btmj((?:\.\w+)+)", page.read_text("utf-8"))}
     assert len(named) > 100
     for page, name in named:

@@ -64,6 +64,14 @@ def test_the_readme_is_short_and_its_first_commands_set_everything_up() -> None:
     assert len([line for line in code.splitlines() if line]) <= 13
 
 
+def test_contributing_is_short_and_has_every_room() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert len(text.encode()) <= 8000
+    folders = {path.parent.name for path in (ROOT / "tensegrity_mj").glob("*/__init__.py")}
+    table = text.partition("## The rooms")[2].partition("\n\n`models/`")[0]
+    assert folders <= set(re.findall(r"`(\w+)/`", table))
+
+
 def test_the_page_of_scenes_has_every_scene() -> None:
     rows = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(rows) == sorted(path.parent.name for path in ROOT.glob("models/*/scene.toml"))
