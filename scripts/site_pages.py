@@ -73,7 +73,7 @@ def gallery() -> str:
         "",
         "Every scene that comes with the package. `tensegrity-mj scenes NAME` lists its nodes, rods and strings; the",
         "title leads to where each of its numbers comes from. Families of scenes, which come in sizes, are in",
-        "[the format](format.md#families).",
+        "[the format](format/running.md#families).",
     ]
     for heading, names in groups.items():
         if names:

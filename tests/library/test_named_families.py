@@ -220,6 +220,6 @@ def test_any_of_the_modules_may_be_imported_first(first: str) -> None:
 
 
 def test_the_page_of_the_format_has_every_family() -> None:
-    section = (ROOT / "docs" / "format.md").read_text(encoding="utf-8").partition("\n## Families\n")[2]
+    section = (ROOT / "docs" / "format" / "running.md").read_text(encoding="utf-8").partition("\n## Families\n")[2]
     rows = re.findall(r"^\|(.+?)\|", section.partition("\n## ")[0], re.MULTILINE)
     assert set(re.findall(r"`(\w+)\(", "".join(rows))) == set(_HOME)

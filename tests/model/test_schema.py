@@ -33,11 +33,13 @@ def test_every_shipped_scene_is_valid(validator: Any, path: Path) -> None:
 
 
 def test_the_files_of_the_docs_are_valid(validator: Any) -> None:
-    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "format.md").read_text(encoding="utf-8"), re.DOTALL)
+    pages = [ROOT / "docs" / "format.md", *(ROOT / "docs" / "format").glob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     head = 'format = 1\nname = "x"\nstructure = "other.toml"\n'
     for text in blocks:
         validator.validate(tomllib.loads(text if text.startswith("format") else head + text))
-    assert len(blocks) > 7
+    assert len(blocks) > 15
 
 
 @pytest.mark.parametrize("seed", range(20))

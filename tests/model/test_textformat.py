@@ -540,11 +540,13 @@ def test_a_file_without_structure() -> None:
 
 # The documentation ----------------------------------------------------------------------------------------
 
-DOCUMENT = ROOT / "docs" / "format.md"
+# The page of the first file, and the four pages of all keys, of which scene.md and running.md have Python.
+PAGES = [ROOT / "docs" / "format.md", *sorted((ROOT / "docs" / "format").glob("*.md"))]
+DOCUMENT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    return re.findall(rf"```{language}\n(.*?)```", DOCUMENT, re.DOTALL)
 
 
 def test_the_documented_files_load(tmp_path: Path) -> None:
@@ -568,7 +570,6 @@ def test_the_documented_fragments_fit_into_a_file(tmp_path: Path) -> None:
 
 
 def test_every_key_is_documented() -> None:
-    document = DOCUMENT.read_text(encoding="utf-8")
     groups = [value for name, value in vars(format_keys).items() if name.endswith("_KEYS") and isinstance(value, tuple)]
     keys = {key for group in [*groups, *format_keys.SUPPORT_KEYS.values()] for key in group}
     todo: list[type] = [Structure, Scene, Whole]
@@ -580,7 +581,7 @@ def test_every_key_is_documented() -> None:
                 todo += [part] if part not in (None, Target, Support, Element, Terrain) else []
                 todo += registered(Terrain).values() if part is Terrain else []
     assert len(keys) > 30
-    rows = set(re.findall(r"^\| `(\w+)`", document, re.MULTILINE))
+    rows = set(re.findall(r"^\| `(\w+)`", DOCUMENT, re.MULTILINE))
     assert rows == keys == keys_in(format_schema())
 
 
