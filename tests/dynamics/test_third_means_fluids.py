@@ -1,8 +1,8 @@
 """Viscous forces, drag, bending, waves, buoyancy and added mass against formulas by hand, in both engines.
 
 MuJoCo and the DAE call the same compiled functions for these, so that their agreement says nothing of them. What is
-expected here is written in NumPy from its physics and calls nothing of the package. docs/developing/third-means.md lists which
-function is checked where.
+expected here is written in NumPy from its physics and calls nothing of the package. The table in
+docs/developing/third-means.md lists which function is checked where.
 
 Tolerances of motions: the DAE's error control, 1e-12 of a step, grows to 1e-10 over the run; RK4 at h = 1 ms errs by
 (r h)⁴ r T / 120 of the motion with rates r <= 15 /s and T <= 2 s: 1e-8 of it at the most. 2e-8 of motions of 0.1 to

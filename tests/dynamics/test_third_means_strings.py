@@ -2,7 +2,8 @@
 
 MuJoCo and the DAE call the same compiled functions for these, so that their agreement says nothing of them. Here a
 mass of 1.5 kg hangs on one string from a hook, and moves as an oscillator does: what is expected is written in NumPy
-from Newton's law and calls nothing of the package. docs/developing/third-means.md lists which function is checked where.
+from Newton's law and calls nothing of the package. The table in
+docs/developing/third-means.md lists which function is checked where.
 
 Tolerances: the DAE's error control, 1e-12 of a step, grows to 1e-10 over the run; RK4 at h = 1 ms errs by
 (ω h)⁴ ω T / 120 of the amplitude, for ω <= 7 rad/s and T <= 2 s by 3e-10. 2e-9 m of motions of 0.1 m and more is both
