@@ -161,6 +161,36 @@ def _attach_motions(
     return rows, structure.positions[rows[:, 0]].copy()
 
 
+def end_maps(records: LinkedRecords) -> Array:
+    """(R, 2, 3, n): derivatives of the ends of every rod to q."""
+    maps = np.zeros((len(records.rods), 2, 3, records.rod_coordinates))
+    for link in records.links:
+        rod, ends = records.rods[link["rod"]], maps[link["rod"]]
+        z, nz, nb = rod["q"], link["nz"], rod["nb"]
+        turning = slice(z + nz, z + nz + nb)
+        if link["parent"] >= 0:
+            start = int(link["hinge"])
+            ends[:] = maps[records.links[link["parent"]]["rod"], link["parent_end"]]
+            ends[1 - start][:, turning] += (1 if start == 0 else -1) * rod["length"] * rod["B"][:, :nb]
+        else:
+            for end, lever in ((0, -rod["sigma"]), (1, 1 - rod["sigma"])):
+                ends[end][:, z : z + nz] = rod["E"][:, :nz]
+                ends[end][:, turning] = lever * rod["length"] * rod["B"][:, :nb]
+    return maps
+
+
+def loop_matrix(records: LinkedRecords, maps: Array | None = None) -> Array:
+    """(3C, n): derivatives of the closures' gaps to the rods' coordinates; the gaps are linear in them."""
+    if not records.forest.closures:
+        return np.zeros((0, records.rod_coordinates))
+    maps = end_maps(records) if maps is None else maps
+    rows = [
+        maps[other, int(records.rods[other]["j"] == node)] - maps[owner, int(records.rods[owner]["j"] == node)]
+        for node, owner, other in records.forest.closures
+    ]
+    return np.array(rows).reshape(-1, maps.shape[-1])
+
+
 @inlined
 def _put_end(linked: Any, link: Any, end: int, node: int, x: Any, v: Any, nodes: Any, velocities: Any) -> None:
     """Write an end of a rod as the node's, or how far it is from the node as the closure's gap."""

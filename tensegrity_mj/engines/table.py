@@ -59,10 +59,6 @@ ELASTIC_LIMITS = (
 )
 
 
-def _is_dense(engine: Any) -> str:
-    return "Solver.DENSE" if engine.solver.value == "dense" else ""
-
-
 ENGINES = {
     "mujoco": Descriptor(
         "MuJoCo",
@@ -125,21 +121,7 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
-            Limit(
-                CONSTRAINTS,
-                "its matrix is that of rods, their supports and joints",
-                "use Solver.GENERAL, as by default",
-                OptionError,
-                _is_dense,
-            ),
             _ELASTIC_ADDED_MASS,
-            Limit(
-                ADDED_MASS,
-                "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",
-                "use Solver.JOINTS or Solver.FULL",
-                OptionError,
-                _is_dense,
-            ),
             Limit(
                 UNEVEN_MASS & CLASS_K,
                 "Weights.HERMITE shares loads otherwise than velocities, and forces of joints are found from symmetric "

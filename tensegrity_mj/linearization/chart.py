@@ -12,8 +12,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.assembly import AssemblyRecords, needs_assembly, slopes_of
-from tensegrity_mj.dynamics.linked import LinkedRecords
-from tensegrity_mj.dynamics.tree_matrices import loop_matrix
+from tensegrity_mj.dynamics.linked import LinkedRecords, loop_matrix
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.structure import Structure
 

@@ -6,6 +6,7 @@ import natural_coordinates as natural
 import numpy as np
 import pytest
 from cable_scaling import Evaluation, cable_scaling, exponent
+from dense_equations import DENSE, SOLVERS, dae
 from hanging_chain import HangingChain
 from natural_coordinates import chain, random_class_k, request
 
@@ -33,7 +34,7 @@ def on_manifold(structure, seed, **options):
 
 def rates_of(scene, solver, shift=0.0, drift=Drift.MONITOR, time=0.0):
     """Node accelerations and λ of a solver at the scene's start, or beside it by a random `shift` of z, b and rates."""
-    run = DAE(solver=solver, drift=drift).prepared(request(scene))
+    run = dae(solver, drift=drift).prepared(request(scene))
     records = run.records
     usual = LinkedRecords.of(scene.structure, scene.motions)
     q, rates = usual.state(scene.nodes0, scene.velocities0)
@@ -80,7 +81,7 @@ def test_three_solvers_agree_on_a_chain_with_a_moving_top_on_and_off_the_manifol
     options = {"shift": 0.1 if off else 0.0, "drift": Drift.BAUMGARTE if off else Drift.MONITOR, "time": 0.3}
     joints, multipliers = rates_of(scene, Solver.JOINTS, **options)
     bound = max(1e-13, chains_round_off(structure))  # a single rod has sums of some terms, and nothing to invert
-    for solver in (Solver.DENSE, Solver.FULL):
+    for solver in (DENSE, Solver.FULL):
         other, forces = rates_of(scene, solver, **options)
         assert spread(other, joints) <= bound
         assert spread(forces, multipliers) <= bound
@@ -102,20 +103,20 @@ def test_three_solvers_agree_on_random_trees_off_the_manifold(seed, planar):
     assert len(plan["joints"]) == 7
     if held <= 1:
         assert skipped == (7 if planar else 0)
-    for solver in (Solver.DENSE, Solver.FULL):
+    for solver in (DENSE, Solver.FULL):
         other, forces = rates_of(scene, solver, 0.1, Drift.BAUMGARTE)
         if held <= 1:
             assert spread(other, joints) <= TOLERANCE
             assert spread(forces, multipliers) <= TOLERANCE
 
 
-@pytest.mark.parametrize("solver", Solver)
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("planar", [False, True])
 @pytest.mark.parametrize("seed", range(12))
 def test_accelerations_of_random_structures_with_loops_are_those_of_node_coordinates(seed, planar, solver):
     structure = random_class_k(np.random.default_rng(seed), rods=8, loops=seed % 4, planar=planar)
     scene = on_manifold(structure, seed)
-    _, found = DAE(solver=solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
+    _, found = dae(solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
     forces = natural.string_forces(structure, scene.nodes0, scene.velocities0)
     expected, _ = natural.accelerations(structure, scene.nodes0, scene.velocities0, forces, GRAVITY)
     # Condition numbers of the constraints' Gram matrix reach 1e6 in these random loops, and it is solved twice.
@@ -129,7 +130,7 @@ def test_rods_alone_off_the_manifold_are_those_of_chapter_2(seed):
     structure = random_structure(rng, rods=3, planar=bool(seed % 2), own_planes=0.3, point_masses=1)
     scene = tmj.Scene(structure, gravity=GRAVITY)
     alone, multipliers = rates_of(scene, Solver.JOINTS, 0.1, Drift.BAUMGARTE)
-    for solver in (Solver.DENSE, Solver.FULL):
+    for solver in (DENSE, Solver.FULL):
         linked, forces = rates_of(scene, solver, 0.1, Drift.BAUMGARTE)
         assert spread(linked, alone) <= 1e-12  # matrices of three rods
         assert spread(forces, multipliers) <= 1e-12
@@ -181,7 +182,7 @@ def test_a_planar_chain_obeys_lagrange_s_equations_of_its_angles(count):
         scene = tmj.Scene(structure, gravity=(0, 0, -9.81), initial_velocities=summed(across * rate[:, None]))
         expected = summed(across * theta_acc[:, None] - along * rate[:, None] ** 2)
         for solver in Solver:
-            _, found = DAE(solver=solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
+            _, found = dae(solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
             assert spread(found, expected) <= 1e-12  # matrices of 5 x 5 with condition numbers below 1e3
 
 
@@ -229,7 +230,7 @@ def pinned_at_both_ends(plane, slack=0.3):
 @pytest.mark.parametrize(
     "build", [braced_square, every_pair, pinned_at_both_ends, lambda p: pinned_at_both_ends(p, 0.0)]
 )
-@pytest.mark.parametrize("solver", Solver)
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_redundant_joints_leave_the_accelerations_right(build, plane, solver):
     structure = build(plane)
     scene = on_manifold(structure, 3)
@@ -238,7 +239,7 @@ def test_redundant_joints_leave_the_accelerations_right(build, plane, solver):
     if len(structure.rods) >= 6:  # flat and rigid, it turns and slides in its plane
         turning = np.array([0.3, 0.0, -0.4]) + np.cross([0.0, 1.7, 0.0], structure.positions)
         scene = scene.with_(initial_velocities=turning)
-    _, found = DAE(solver=solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
+    _, found = dae(solver).accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
     expected, _ = natural.accelerations(
         structure, scene.nodes0, scene.velocities0, np.zeros_like(scene.nodes0), GRAVITY
     )
@@ -259,7 +260,7 @@ def star(lightest):
 @pytest.mark.parametrize("lightest", [1e-3, 1e-6, 4e-10])
 def test_a_light_rod_that_carries_heavy_ones_costs_forces_of_joints_as_many_digits_as_masses_are_apart(lightest):
     scene = tmj.Scene(star(lightest), gravity=GRAVITY)
-    expected, _ = rates_of(scene, Solver.DENSE)
+    expected, _ = rates_of(scene, DENSE)
     found, _ = rates_of(scene, Solver.JOINTS)
     # What is left of pivots of 1/lightest is 1/3: round-off of 1e-16 / lightest, in three rods and two eliminations.
     assert spread(found, expected) <= 1e-12 + 1e-15 / lightest
@@ -268,9 +269,9 @@ def test_a_light_rod_that_carries_heavy_ones_costs_forces_of_joints_as_many_digi
 def test_masses_too_far_apart_for_forces_of_joints_are_refused_in_words():
     """At 1e12 the light rod's joints would be taken for redundant, and all be wrong by a third."""
     scene = tmj.Scene(star(1e-12), gravity=GRAVITY)
-    with pytest.raises(tmj.errors.OptionError, match=r"'r1' of 1e-12 kg and 'r4' of 3 kg.*1e\+10 times.*Solver.DENSE"):
+    with pytest.raises(tmj.errors.OptionError, match=r"'r1' of 1e-12 kg and 'r4' of 3 kg.*1e\+10 times.*Solver.FULL"):
         tmj.simulate(scene, None, DAE(), duration=0.1)
-    dense, full = (rates_of(scene, solver)[0] for solver in (Solver.DENSE, Solver.FULL))
+    dense, full = (rates_of(scene, solver)[0] for solver in (DENSE, Solver.FULL))
     assert spread(full, dense) <= 1e-6  # 1e-10 as measured; the pinned rod itself hangs on digits of 1e-12
 
 
@@ -312,7 +313,7 @@ def test_scaling_is_measured_for_the_numbers_of_rods_requested_and_fits_a_power(
     points = cable_scaling((4, 9))
     assert [(point.elements, point.solver) for point in points] == [(4, Solver.JOINTS), (9, Solver.JOINTS)]
     assert all(point.seconds > 0 for point in points)
-    cubes = [Evaluation(k, Solver.DENSE, 1e-9 * k**3) for k in (10, 20, 50)]
+    cubes = [Evaluation(k, DENSE, 1e-9 * k**3) for k in (10, 20, 50)]
     assert exponent(cubes) == pytest.approx(3.0, abs=1e-12)
     with pytest.raises(tmj.errors.OptionError, match="two numbers of elements"):
         exponent(points[:1])

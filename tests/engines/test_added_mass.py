@@ -114,8 +114,6 @@ def test_what_cannot_be_says_why() -> None:
         tmj.simulate(loop(), engine=MUJOCO)
     with pytest.raises(tmj.errors.OptionError, match=r"JOINTS: the mass that water adds is not symmetric.*\.FULL"):
         tmj.simulate(chain(tmj.model.Weights.HERMITE), engine=JOINTS)
-    with pytest.raises(tmj.errors.OptionError, match=r"Solver\.DENSE inverts a constant mass matrix"):
-        tmj.simulate(chain(), engine=tmj.DAE(solver=Solver.DENSE))
 
 
 def unladen(scene: tmj.Scene) -> tmj.Scene:
@@ -127,7 +125,6 @@ def unladen(scene: tmj.Scene) -> tmj.Scene:
 FREE_OF_MASS = {
     "closed loop": (unladen(loop()), MUJOCO),
     "Hermite's weights": (unladen(chain(tmj.model.Weights.HERMITE)), JOINTS),
-    "DENSE": (unladen(chain()), tmj.DAE(solver=Solver.DENSE, **FINE)),
 }
 
 

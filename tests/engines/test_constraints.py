@@ -161,7 +161,6 @@ def test_a_rod_that_rows_hold_at_both_ends_stands_still() -> None:
 def test_what_has_no_place_for_them_refuses_them() -> None:
     for engine, message in (
         (tmj.ODE(), "minimal coordinates are those that rods have by their own supports"),
-        (tmj.DAE(solver=tmj.engines.Solver.DENSE), "use Solver.GENERAL"),
         (tmj.MuJoCo(integrator=tmj.Integrator.IMPLICIT), "use Integrator.RK4 or EULER"),
     ):
         with pytest.raises((OptionError, StructureError), match=f"constraint 'wall' holds nodes.*{message}"):

@@ -14,13 +14,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from dense_equations import SOLVERS, dae
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from soft_scenes import LENGTH, MASS, C, K, bar, rigid, soft_chain, soft_pair
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
-from tensegrity_mj.engines.reference.dae import Solver
 
 Array = NDArray[np.float64]
 FIXED: dict[str, Callable[[float], Any]] = {
@@ -251,12 +251,12 @@ def test_soft_bars_move_as_a_third_coding_by_nodes_says(scene: tmj.Scene, in_muj
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_elastic_rods_among_rigid_ones_that_share_nodes(closed: bool) -> None:
-    """The three solvers of the DAE have three codings of what holds lengths; rigid rods keep theirs, forces are N."""
+    """Each solver codes what holds lengths in its own way; rigid rods keep theirs, forces are N."""
     scene = soft_chain(closed)
     exact = tmj.simulate(scene, None, EXACT, duration=0.4, output_interval=0.02)
     assert exact.energy_residual < 1e-9
-    for solver in Solver:
-        engine = tmj.DAE(method=tmj.Method.RK4, timestep=1e-3, solver=solver)
+    for solver in SOLVERS:
+        engine = dae(solver, method=tmj.Method.RK4, timestep=1e-3)
         run = tmj.simulate(scene, None, engine, duration=0.4, output_interval=0.02)
         assert np.abs(run.nodes - exact.nodes).max() < 1e-8
         assert run.reports["drift"] < 1e-14

@@ -77,7 +77,6 @@ def test_the_table_says_what_engines_do(scene: str, able: list[str]) -> None:
     [
         (tmj.MuJoCo(integrator=tmj.Integrator.DISCRETE), "water", r"MuJoCo with Integrator\.DISCRETE: water adds mass"),
         (tmj.MuJoCo(locate_slack=True), "contact", r"MuJoCo with locate_slack = True: .*has contact"),
-        (tmj.DAE(solver=tmj.engines.Solver.DENSE), "water", r"DAE with Solver\.DENSE: water adds mass"),
         (tmj.DAE(), "joined uneven", r"DAE with Solver\.JOINTS: .*not symmetric, and rods 'r' and 's' share node 'b'"),
     ],
 )

@@ -7,13 +7,14 @@ import itertools
 import natural_coordinates as natural
 import numpy as np
 import pytest
+from dense_equations import SOLVERS, dae
 from natural_coordinates import chain, request
 from scipy.integrate import solve_ivp
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.motion import PackedMotions, motion_at
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver
+from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.ode import ODE
 from tensegrity_mj.model import rods
@@ -122,7 +123,7 @@ def test_a_pendulum_with_a_moving_pivot_obeys_its_closed_equation(name, plane):
         assert np.abs(run.nodes[:, 0] - (d - sigma * length * along)).max() <= 1e-10
 
 
-@pytest.mark.parametrize("solver", Solver)
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("seed", range(4))
 def test_accelerations_with_moved_rods_and_nodes_are_those_of_node_coordinates(seed, solver):
     """Two chains, hung on moved supports of each kind, and joined by a rod, which closes a loop."""
@@ -149,7 +150,7 @@ def test_accelerations_with_moved_rods_and_nodes_are_those_of_node_coordinates(s
     moved = {motion.support: motion.at(0.0) for motion in motions}
     velocities = natural.consistent_velocities(structure, nodes, rng.normal(size=nodes.shape), moved)
     scene = tmj.Scene(structure, gravity=(0, 0, -GRAVITY), motions=motions, initial_velocities=velocities)
-    engine = DAE(solver=solver)
+    engine = dae(solver)
     placed, found = engine.accelerations(request(scene))(0.0, scene.nodes0, scene.velocities0)
     forces = natural.string_forces(structure, nodes, velocities)
     expected, _ = natural.accelerations(structure, nodes, velocities, forces, (0, 0, -GRAVITY), moved)
@@ -202,17 +203,16 @@ def test_ode_and_dae_agree_with_moved_supports_and_their_ledgers_close():
         assert np.abs(run.external_work - first.external_work).max() <= 1e-9
 
 
-@pytest.mark.parametrize("solver", Solver)
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_the_ledger_of_a_driven_cable_closes_with_each_solver_and_step(solver):
     structure = chain(np.random.default_rng(2), 5)
     scene = tmj.Scene(structure, gravity=(0, 0, -GRAVITY), motions=(Motion.circular("r1", 0.1, 1.0),), duration=0.5)
-    run = tmj.simulate(scene, None, DAE(solver=solver, rtol=1e-12, atol=1e-13))
+    run = tmj.simulate(scene, None, dae(solver, rtol=1e-12, atol=1e-13))
     assert run.external_work.max() > 0.1
     assert run.energy_residual <= 1e-9
     # Fourth order: half the step leaves a sixteenth, of all that is not round-off.
     coarse, fine = (
-        tmj.simulate(scene, None, DAE(solver=solver, method=Method.RK4, timestep=h)).energy_residual
-        for h in (2e-3, 1e-3)
+        tmj.simulate(scene, None, dae(solver, method=Method.RK4, timestep=h)).energy_residual for h in (2e-3, 1e-3)
     )
     assert fine <= coarse / 10
 

@@ -10,6 +10,7 @@ from typing import Any
 import natural_coordinates as natural
 import numpy as np
 import pytest
+from dense_equations import dae
 from loaded_rods import cloud, loaded, mass_of_nodes
 from natural_coordinates import chain, random_class_k, request
 from scipy.integrate import solve_ivp
@@ -27,7 +28,8 @@ G = 9.81
 GRAVITY = (0.0, 0.0, -G)
 Y = (0.0, 1.0, 0.0)
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)
-SOLVERS = [replace(TIGHT, solver=solver) for solver in ("joints", "dense", "full", "general")]
+NAMES = ("joints", "dense", "full", "general")
+SOLVERS = [dae(solver, rtol=1e-12, atol=1e-13) for solver in NAMES]
 FIXED: dict[str, Callable[[float], Any]] = {
     "mujoco": lambda step: tmj.MuJoCo(timestep=step),
     "dae": lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step),
@@ -176,7 +178,7 @@ def test_accelerations_are_those_of_points_of_mass(seed: int, planar: bool) -> N
             np.testing.assert_allclose(run.rod_force_densities[0], pulls, atol=1e-9 * np.abs(pulls).max())
 
 
-MOVING = dict(zip(("joints", "dense", "full", "general"), SOLVERS, strict=True)) | {
+MOVING = dict(zip(NAMES, SOLVERS, strict=True)) | {
     "mujoco": tmj.MuJoCo(1e-3),
     "ode": TRUTH["ode"],
 }

@@ -2,7 +2,7 @@
 
 points = cable_scaling()                                    # joint forces, K = 200 to 5000
 exponent(points)                                            # about 1
-cable_scaling((500,), Solver.DENSE)[0].seconds / points[1].seconds
+cable_scaling((500,), DENSE)[0].seconds / points[1].seconds
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from dense_equations import dae
 
 from tensegrity_mj.engines.reference import equations as kernels
-from tensegrity_mj.engines.reference.dae import DAE, Solver
+from tensegrity_mj.engines.reference.dae import Solver
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import cable
 from tensegrity_mj.model.actuation import OnInfeasible
@@ -37,11 +38,11 @@ class Evaluation:
     """
 
     elements: int
-    solver: Solver
+    solver: Solver | str
     seconds: float
 
 
-def cable_scaling(counts: Sequence[int] = COUNTS, solver: Solver = Solver.JOINTS) -> list[Evaluation]:
+def cable_scaling(counts: Sequence[int] = COUNTS, solver: Solver | str = Solver.JOINTS) -> list[Evaluation]:
     """Time the right-hand side of cables with some numbers of elements.
 
     The cable of `library.cable` is driven as by default, and looked at a little off its straight start.
@@ -64,10 +65,10 @@ def exponent(points: Sequence[Evaluation]) -> float:
     return float(np.polyfit(np.log(counts), np.log(seconds), 1)[0])
 
 
-def _timed(elements: int, solver: Solver) -> Evaluation:
+def _timed(elements: int, solver: Solver | str) -> Evaluation:
     scene = cable(elements)
     request = request_for(scene, None, None, None, OnInfeasible.STOP, None, progress=False)
-    run = DAE(solver=solver).prepared(request)
+    run = dae(solver).prepared(request)
     y, out = run.y + 1e-3 * np.sin(np.arange(len(run.y))), np.empty(len(run.y))
 
     def evaluate(times: int) -> float:

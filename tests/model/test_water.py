@@ -465,8 +465,6 @@ def test_what_cannot_be_in_water_says_so() -> None:
         words = rf"Integrator.{integrator.name}: water adds mass .* makes its step of others"
         with pytest.raises(tmj.errors.OptionError, match=words):
             tmj.simulate(scene, engine=tmj.MuJoCo(1e-3, integrator))
-    with pytest.raises(tmj.errors.OptionError, match=r"Solver.DENSE: water adds mass|water adds mass .*Solver.DENSE"):
-        tmj.simulate(scene, engine=tmj.DAE(solver=tmj.engines.Solver.DENSE))
     with pytest.raises(tmj.errors.SceneError, match=r"MuJoCo: water adds mass .* before the forces of contact"):
         tmj.simulate(one(contact=tmj.model.Contact(floor=-8.0)), engine=tmj.MuJoCo(1e-4))
 

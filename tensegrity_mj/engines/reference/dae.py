@@ -49,7 +49,6 @@ class Solver(enum.Enum):
     """How accelerations are found where rods share nodes; all solve the same equations."""
 
     JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
-    DENSE = "dense"  # (3.19)-(3.22): a K x K matrix for K rods, the mass matrix inverted beforehand
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
     # Any structure as one system: vectors of all members, and rows for every joint and support; bodies and linear
     # constraints on nodes make it this one, unless it is FULL.
@@ -123,9 +122,8 @@ class DAE(ReferenceEngine):
         structure = request.scene.structure
         if self._as_one(request.scene):
             return _assembled(request, self.solver is Solver.FULL)
-        solver = self.solver if structure.rods else Solver.JOINTS  # point masses alone have no matrix
-        alone = structure.class_number <= 1 and not request.scene.motions and solver is Solver.JOINTS
-        return _rods_alone(request) if alone else _rods_linked(request, solver)
+        alone = structure.class_number <= 1 and not request.scene.motions
+        return _rods_alone(request) if alone else _rods_linked(request)
 
 
 # A plant with what the compiled functions of a model read, its records, and these functions.
@@ -157,27 +155,23 @@ def _check_masses(structure: Structure) -> None:
         if most > LARGEST_MASS_RATIO * least:
             raise OptionError(
                 f"DAE: rods '{light}' of {least:g} kg and '{heavy}' of {most:g} kg hang together; "
-                f"Solver.JOINTS allows masses to be {LARGEST_MASS_RATIO:g} times each other: use solver=Solver.DENSE"
+                f"Solver.JOINTS allows masses to be {LARGEST_MASS_RATIO:g} times each other: use solver=Solver.FULL"
             )
 
 
-def _rods_linked(request: Request, solver: Solver) -> _Model:
+def _rods_linked(request: Request) -> _Model:
     """Rods that share nodes, moved supports."""
     from tensegrity_mj.dynamics.joint_plan import plan_joints
-    from tensegrity_mj.dynamics.tree_matrices import tree_matrices
     from tensegrity_mj.engines.reference import dae_linked_kernels as linked
 
     scene, plant = request.scene, _plant(request, linked.LINKED)
     records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
     closures = len(records.forest.closures)
     plant.set(linked=records.table, joints=plan_joints(records), closure_count=closures)
-    if solver is Solver.JOINTS:
-        _check_masses(scene.structure)
-    else:
-        plant["tree"] = tree_matrices(records)
+    _check_masses(scene.structure)
     equations = Equations(
         place=linked.linked_place,
-        accelerate=linked.linked_accelerate if solver is Solver.JOINTS else linked.dense_accelerate,
+        accelerate=linked.linked_accelerate,
         project=linked.linked_project,
         extra=EXTRA if closures else 0,
     )

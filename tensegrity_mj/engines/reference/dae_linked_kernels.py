@@ -15,21 +15,20 @@ from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing
 from tensegrity_mj.dynamics.native.views import changing_view, fields_of
-from tensegrity_mj.dynamics.tree_equations import dense_accelerations
 from tensegrity_mj.engines.reference.equations import MODEL, halves
 
 LINKED = fields_of(
     MODEL,
-    linked="size",  # addresses of a `Linked`, a `Joints` and a `Tree`
+    linked="size",  # addresses of a `Linked` and a `Joints`
     joints="size",
-    tree="size",
     closure_count="size",
 )
 _LinkedView = changing_view("Linked", LINKED)
 
 
 @borrowing
-def _report_gaps(own: Any) -> None:
+def report_gaps(own: Any) -> None:
+    """Write how far closures are open behind the multipliers."""
     if own.closure_count > 0:
         R, observed = own.rod_count, own.multipliers
         observed[R], observed[R + 1] = largest_gap(own.linked, 0), largest_gap(own.linked, 1)
@@ -53,16 +52,7 @@ def linked_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
         own.given += power_of(own.held_mass, own.velocities)
     else:
         own.given += joint_accelerations(own, None, q, rates, out)
-    _report_gaps(own)
-    return SOLVED
-
-
-@c_function(TIMED, "the equations (3.19) to (3.22) of the DAE")
-def dense_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """By (3.19)-(3.22)."""
-    own = _LinkedView(table)
-    own.given += dense_accelerations(own, *halves(own, y_at), halves(own, dy_at)[1])
-    _report_gaps(own)
+    report_gaps(own)
     return SOLVED
 
 

@@ -1,7 +1,12 @@
 """The thesis' own form of the equations of chapter 3, for any forest of rods: a matrix of K x K for K rods.
 
-It is independent of `joint_forces`, which is faster, and serves as a check on it and as what the thesis describes. Its
-other form, one large matrix (3.17), is that of `assembly`.
+It is independent of `joint_forces`, which is faster, and of the one large matrix of `assembly`, and checks both.
+
+    engine = dae(DENSE, rtol=1e-12)      # simulates, and has accelerations, as any DAE
+
+The mass matrix is constant: with Φ_i, Φ_j the (constant) derivatives of a rod's ends to q, it is the sum of
+m/3 (Φ_iᵀΦ_i + Φ_jᵀΦ_j + (Φ_iᵀΦ_j + Φ_jᵀΦ_i)/2) over the rods, a linear profile of velocities integrated, and of what
+they carry.
 """
 
 from __future__ import annotations
@@ -10,13 +15,56 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, acceleration_of, moved_nodes_power, push_joint, set_ends
-from tensegrity_mj.dynamics.joint_plan import Joints
+from tensegrity_mj.dynamics.joint_plan import Joints, plan_joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, stretch_term
-from tensegrity_mj.dynamics.linked import Linked
-from tensegrity_mj.dynamics.native.pointers import borrowing, owning
+from tensegrity_mj.dynamics.linked import Linked, LinkedRecords, end_maps, loop_matrix
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing, owning
 from tensegrity_mj.dynamics.native.vectors import add, dot, minus, times, vector
-from tensegrity_mj.dynamics.tree_matrices import Tree
+from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of, view_of
+from tensegrity_mj.engines.reference import dae_linked_kernels as linked_kernels
+from tensegrity_mj.engines.reference.dae import DAE, EXTRA, Solver
+from tensegrity_mj.engines.reference.equations import halves
+from tensegrity_mj.engines.reference.integration import Equations
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.model.rods import mass_products, own_masses
+
+DENSE = "dense"
+
+# What compiled code sees of them; n coordinates of the rods, C closures.
+Tree, _pack_tree = view_of(
+    "TreeMatrices",
+    inverse=("f8", "size", "size"),  # M⁻¹
+    loops=("f8", "loop_count", "size"),  # (3C, n) derivatives of the closures' gaps to the coordinates
+    maps=("f8", "map_count", "size"),  # (6R, n) derivatives of the rods' ends
+    at=("i8", "rod_count"),  # where each rod's b starts among the coordinates
+)
+
+
+def tree_matrices(records: LinkedRecords) -> Table:
+    """A `Tree`, whose coordinates are q of the records."""
+    maps = end_maps(records)
+    inverse, loops = np.linalg.inv(mass_matrix(records, maps)), loop_matrix(records, maps)
+    at = records.rods["q"].copy()
+    at[records.links["rod"]] += records.links["nz"]
+    return _pack_tree(inverse=0.5 * (inverse + inverse.T), loops=loops, maps=maps.reshape(-1, len(inverse)), at=at)
+
+
+def mass_matrix(records: LinkedRecords, maps: Array) -> Array:
+    """M (n, n), constant; for a chain of free rods (3.13) with the corrections of its misprints."""
+    weighted = np.sqrt(own_masses(records.structure) / 3)[:, None, None, None] * maps
+    first, second = (weighted[:, end].reshape(-1, maps.shape[-1]) for end in (0, 1))
+    cross = first.T @ second
+    matrix = np.asarray(first.T @ first + second.T @ second + 0.5 * (cross + cross.T))
+    for row in np.flatnonzero(records.structure.rod_lumps[0]):
+        a, b, c = mass_products(0.0, records.structure.rod_lumps[:, row])
+        (one, other), both = maps[row], maps[row, 0].T @ maps[row, 1]
+        matrix += a * one.T @ one + b * other.T @ other + c * (both + both.T)
+    return matrix
 
 
 @borrowing
@@ -146,3 +194,47 @@ def _supports_power(linked: Any, joints: Any, tree: Any, accelerations: Any, for
                 need = rod.mass * ((1.0 - rod.center) * first + rod.center * second)
                 power += (need - ends[0, x] - ends[1, x]) * linked.motions[link.drive, 1, x]
     return power
+
+
+FIELDS = fields_of(linked_kernels.LINKED, tree="size")  # the address of a `Tree`
+_DenseView = changing_view("Dense", FIELDS)
+
+
+@c_function(TIMED, "the equations (3.19) to (3.22) of the DAE")
+def dense_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _DenseView(table)
+    own.given += dense_accelerations(own, *halves(own, y_at), halves(own, dy_at)[1])
+    linked_kernels.report_gaps(own)
+    return SOLVED
+
+
+class DenseDAE(DAE):
+    """The reference engine by these equations, wherever rods share nodes or not."""
+
+    def _as_one(self, scene: Any) -> bool:
+        return False
+
+    def _model(self, request: Request) -> Any:
+        scene = request.scene
+        if not scene.structure.rods:  # point masses alone have no matrix
+            return super()._model(request)
+        plant = Plant(scene, request.law, request.actuation, request.on_infeasible, FIELDS)
+        records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
+        closures = len(records.forest.closures)
+        plant.set(linked=records.table, joints=plan_joints(records), closure_count=closures)
+        plant["tree"] = tree_matrices(records)
+        equations = Equations(
+            place=linked_kernels.linked_place,
+            accelerate=dense_accelerate,
+            project=linked_kernels.linked_project,
+            extra=EXTRA if closures else 0,
+        )
+        return plant, records, equations
+
+
+SOLVERS = [*Solver, DENSE]
+
+
+def dae(solver: Solver | str, **options: Any) -> DAE:
+    """The DAE with a solver of the package, or with this one."""
+    return DenseDAE(solver=Solver.FULL, **options) if solver == DENSE else DAE(solver=solver, **options)
