@@ -10,12 +10,11 @@ raises stands in the room that it comes from; the signatures here add the texts.
 
 from __future__ import annotations
 
-import functools
 import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -42,41 +41,27 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.identification.result import Identification
     from tensegrity_mj.studies.identification.unknowns import Parameter
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Call = TypeVar("Call", bound=Callable[..., Any])
 AnyScene = Scene | str | os.PathLike[str]
 AnyLaw = controllers.scenes.AnyLaw | str
 
 
-def with_texts(function: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a call of a signature: its texts become objects, by the names of its parameters, and `function` gets them.
+def _with_text_of(inside: object) -> Callable[[Call], Call]:
+    """Give a call the docstring of the function inside."""
 
-    What is left out has the default that `function` has for it.
-    """
-
-    def decorate(signature: Callable[P, R]) -> Callable[P, R]:
-        parameters, name = inspect.signature(signature), signature.__name__
-        *own, _ = parameters.parameters
-
-        @functools.wraps(signature)
-        def call(*args: P.args, **options: P.kwargs) -> R:
-            try:
-                given = parameters.bind(*args, **options).arguments
-            except TypeError as error:
-                raise TypeError(f"{name}() {error}; it takes {', '.join(own)}, and options of the engine") from None
-            if (options := given.pop("engine_options", {})) or isinstance(given.get("engine"), str):
-                given["engine"] = _engine(name, own, given.get("engine"), options)
-            return function(**_objects(given))
-
+    def documented(call: Call) -> Call:
         texts = "Scenes, laws, engines and enums may be texts, with options of the engine by their names"
-        call.__doc__ = f"{inspect.getdoc(function)}\n\n{texts}: see `{__name__}`."
+        call.__doc__ = f"{inspect.getdoc(inside)}\n\n{texts}: see `{__name__}`."
         return call
 
-    return decorate
+    return documented
 
 
-def _objects(given: dict[str, Any]) -> dict[str, Any]:
-    """Arguments with the objects that their texts stand for; scenes first, which laws are made for."""
+def _objects(call: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Turn the texts among a call's arguments into objects; scenes first, which laws are made for."""
+    options, own = given.pop("engine_options"), list(given)
+    if options or isinstance(given["engine"], str):
+        given["engine"] = _engine(call, own, given["engine"], options)
     if "scene" in given:
         given["scene"] = _scene(given["scene"])
     elif isinstance(given["scenes"], (list, tuple)):
@@ -129,7 +114,7 @@ def _scene(given: Any) -> Any:
     return load_scene(given) if isinstance(given, (str, os.PathLike)) else given
 
 
-@with_texts(simulation.simulate)
+@_with_text_of(simulation.simulate)
 def simulate(
     scene: AnyScene | Trajectory,
     controller: AnyLaw = SCENE_LAW,
@@ -142,10 +127,10 @@ def simulate(
     progress: bool = False,
     **engine_options: Any,
 ) -> Trajectory:
-    raise NotImplementedError
+    return simulation.simulate(**_objects("simulate", locals()))
 
 
-@with_texts(simulation.accelerations)
+@_with_text_of(simulation.accelerations)
 def accelerations(
     scene: AnyScene,
     controller: AnyLaw = SCENE_LAW,
@@ -157,10 +142,10 @@ def accelerations(
     rest_lengths: ArrayLike | None = None,
     **engine_options: Any,
 ) -> Array:
-    raise NotImplementedError
+    return simulation.accelerations(**_objects("accelerations", locals()))
 
 
-@with_texts(linearizing.linearize)
+@_with_text_of(linearizing.linearize)
 def linearize(
     scene: AnyScene,
     engine: AcceleratingEngine | str | None = None,
@@ -173,10 +158,10 @@ def linearize(
     inputs: Command | str = Command.REST_LENGTH,
     **engine_options: Any,
 ) -> Linearization:
-    raise NotImplementedError
+    return linearizing.linearize(**_objects("linearize", locals()))
 
 
-@with_texts(stable_steps.stable_step)
+@_with_text_of(stable_steps.stable_step)
 def stable_step(
     scene: AnyScene,
     engine: Any,
@@ -190,10 +175,10 @@ def stable_step(
     run: Trajectory | None = None,
     **engine_options: Any,
 ) -> stable_steps.StableStep:
-    raise NotImplementedError
+    return stable_steps.stable_step(**_objects("stable_step", locals()))
 
 
-@with_texts(ensemble.simulate_many)
+@_with_text_of(ensemble.simulate_many)
 def simulate_many(
     scenes: Sequence[AnyScene],
     controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW,
@@ -207,17 +192,9 @@ def simulate_many(
     progress: bool = False,
     **engine_options: Any,
 ) -> ensemble.Ensemble:
-    raise NotImplementedError
+    return ensemble.simulate_many(**_objects("simulate_many", locals()))
 
 
-def _identify(**given: Any) -> Identification:
-    """Find parameters of a scene by which its runs are as they were measured: see `tensegrity_mj.studies.identify`."""
-    from tensegrity_mj.studies.identification.result import identify
-
-    return identify(**given)
-
-
-@with_texts(_identify)
 def identify(
     scene: AnyScene,
     measurements: Any,
@@ -230,10 +207,14 @@ def identify(
     progress: bool = False,
     **engine_options: Any,
 ) -> Identification:
-    raise NotImplementedError
+    """Find parameters of a scene by which its runs are as they were measured: see `tensegrity_mj.studies.identify`."""
+    given = _objects("identify", locals())
+    from tensegrity_mj.studies.identification.result import identify as inside
+
+    return inside(**given)
 
 
-@with_texts(ensemble.law_in)
+@_with_text_of(ensemble.law_in)
 def law_in(
     scene: AnyScene,
     law: AnyLaw = SCENE_LAW,
@@ -242,4 +223,4 @@ def law_in(
     on_infeasible: OnInfeasible | str = OnInfeasible.STOP,
     **engine_options: Any,
 ) -> AbstractContextManager[Any]:
-    raise NotImplementedError
+    return ensemble.law_in(**_objects("law_in", locals()))
