@@ -11,7 +11,7 @@ import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.files import checked, write_text
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.figure import print_png
@@ -76,11 +75,22 @@ class Section:
     parts: Sequence[Picture | Table | str] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Report:
+def write_report(
+    path: PathLike,
+    runs: Sequence[Trajectory],
+    *,
+    title: str | None = None,
+    introduction: str = "",
+    comparison: Comparison | None = None,
+    pictures: Sequence[Picture] = (),
+    video: PathLike | None = None,
+    video_note: str = "",
+    tables: Iterable[Table] = (),
+    web: bool = False,
+) -> Path:
     """Write the page; returns its path. It appears whole or not at all.
 
-    Attributes:
+    Args:
         path: ends in .html.
         runs: what was simulated, at least one.
         title: by default the scene's name.
@@ -95,41 +105,24 @@ class Report:
     Raises:
         OptionError: no runs, a file that is missing or of another kind, a path that cannot be written.
     """
+    if not runs:
+        raise OptionError("a report needs at least one run; none was given")
+    scene = runs[0].scene
+    shown = _video(video, video_note) if video is not None or video_note else ""
+    head = "".join(judgement_of_runs(runs, comparison).html())
+    requested = _requested(runs, introduction, titled=title is not None)
+    opening = [f'<div class="beside"><div>{head}{requested}</div><div>{shown}</div></div>']
+    sections = [Section("Plots", parts=list(pictures))] if pictures else []
+    if web:
+        from tensegrity_mj.pictures.web import make_web_page
 
-    path: PathLike
-    runs: Sequence[Trajectory]
-    _: KW_ONLY
-    title: str | None = None
-    introduction: str = ""
-    comparison: Comparison | None = None
-    pictures: Sequence[Picture] = ()
-    video: PathLike | None = None
-    video_note: str = ""
-    tables: Iterable[Table] = ()
-    web: bool = False
-
-    def __call__(self) -> Path:
-        if not self.runs:
-            raise OptionError("a report needs at least one run; none was given")
-        scene = self.runs[0].scene
-        shown = _video(self.video, self.video_note) if self.video is not None or self.video_note else ""
-        head = "".join(judgement_of_runs(self.runs, self.comparison).html())
-        requested = _requested(self.runs, self.introduction, titled=self.title is not None)
-        opening = [f'<div class="beside"><div>{head}{requested}</div><div>{shown}</div></div>']
-        sections = [Section("Plots", parts=list(self.pictures))] if self.pictures else []
-        if self.web:
-            from tensegrity_mj.pictures.web import make_web_page
-
-            sections.append(Section("In 3-D", parts=[make_web_page(self.runs[0]).framed()]))
-        if self.comparison is not None:
-            sections.append(Section("How far the two are apart", parts=[_agreement(self.comparison)]))
-        sections.append(Section("What came out", parts=[_runs(self.runs)]))
-        sections += pictures_and_tables((), self.tables)
-        sections.append(Section("Everything that was recorded", parts=[_details(run) for run in self.runs]))
-        return write_sections(self.path, self.title or scene.name, "", sections, "report", opening=opening)
-
-
-write_report = function_of(Report)
+        sections.append(Section("In 3-D", parts=[make_web_page(runs[0]).framed()]))
+    if comparison is not None:
+        sections.append(Section("How far the two are apart", parts=[_agreement(comparison)]))
+    sections.append(Section("What came out", parts=[_runs(runs)]))
+    sections += pictures_and_tables((), tables)
+    sections.append(Section("Everything that was recorded", parts=[_details(run) for run in runs]))
+    return write_sections(path, title or scene.name, "", sections, "report", opening=opening)
 
 
 def judgement_of_runs(runs: Sequence[Trajectory], comparison: Comparison | None = None) -> Judgement:

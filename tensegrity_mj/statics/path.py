@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,6 @@ from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, finite, positive, real_array, whole
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
@@ -127,14 +126,24 @@ class Path:
         return [index[name] for name in names]
 
 
-@dataclass(frozen=True, eq=False)
-class PathSearch:
+def follow(
+    start: StaticState | StaticModel | Scene | Structure,
+    *,
+    loads: ArrayLike | None = None,
+    holds: Sequence[Hold] | None = None,
+    to: float = 1.0,
+    points: int = 100,
+    longest: float = 3.0,
+    direction: ArrayLike | None = None,
+    stop_at_critical: bool = False,
+    progress: bool = False,
+) -> Path:
     """The curve of equilibria from a start, as loads grow or holds move.
 
         path = follow(state, holds=[Hold(base), Hold(top, displacement=(0.0, 0.0, -0.1))])
         buckled = follow(path.criticals[0].state, direction=path.criticals[0].mode)
 
-    Attributes:
+    Args:
         start: a state, whose own path goes on from its parameter; with loads or holds given, theirs begins there at
             s = 0, and what was applied so far stays. Or a model, scene or structure, whose equilibrium at s = 0 is
             looked for first.
@@ -155,43 +164,27 @@ class PathSearch:
         InfeasibleError: where there is no equilibrium at the start, or no path leads on from it.
         OptionError: for arguments that do not fit, and where nothing depends on the parameter.
     """
-
-    start: StaticState | StaticModel | Scene | Structure
-    _: KW_ONLY
-    loads: ArrayLike | None = None
-    holds: Sequence[Hold] | None = None
-    to: float = 1.0
-    points: int = 100
-    longest: float = 3.0
-    direction: ArrayLike | None = None
-    stop_at_critical: bool = False
-    progress: bool = False
-
-    def __call__(self) -> Path:
-        goal, count, limit = finite("to", self.to), whole("points", self.points, 2), positive("longest", self.longest)
-        state = starting_state(self.start, self.loads, self.holds)
-        model = state.model
-        if not np.any(model.loads) and not np.any(model.boundary.moved):
-            raise OptionError(
-                "a path (follow, --path) increases only what further loads and moved holds give (loads, holds; --load, "
-                "--hold NODE=X,Y,Z); the loads of the scene itself stay constant, and nothing else was given: give at "
-                "least one"
-            )
-        if goal == state.parameter:
-            raise OptionError(f"to = {self.to!r}: the start is there already, a path of no length; give another value")
-        walk, first = begin(state, goal, self.direction)
-        course = _Course(walk, first, count, branches=self.direction is not None)
-        with bar(self.progress, f"following {model.scene.name}", unit="point") as shown:
-            end = course.run(goal, limit * STRAIGHT, self.stop_at_critical, shown.update)
-        if len(course.points) == 1:
-            raise InfeasibleError(
-                f"'{model.scene.name}': no equilibrium was found near the start; take more points, smaller loads or "
-                "displacements, or a start that is stable"
-            )
-        return course.path(end)
-
-
-follow = function_of(PathSearch)
+    goal, count, limit = finite("to", to), whole("points", points, 2), positive("longest", longest)
+    state = starting_state(start, loads, holds)
+    model = state.model
+    if not np.any(model.loads) and not np.any(model.boundary.moved):
+        raise OptionError(
+            "a path (follow, --path) increases only what further loads and moved holds give (loads, holds; --load, "
+            "--hold NODE=X,Y,Z); the loads of the scene itself stay constant, and nothing else was given: give at "
+            "least one"
+        )
+    if goal == state.parameter:
+        raise OptionError(f"to = {to!r}: the start is there already, a path of no length; give another value")
+    walk, first = begin(state, goal, direction)
+    course = _Course(walk, first, count, branches=direction is not None)
+    with bar(progress, f"following {model.scene.name}", unit="point") as shown:
+        end = course.run(goal, limit * STRAIGHT, stop_at_critical, shown.update)
+    if len(course.points) == 1:
+        raise InfeasibleError(
+            f"'{model.scene.name}': no equilibrium was found near the start; take more points, smaller loads or "
+            "displacements, or a start that is stable"
+        )
+    return course.path(end)
 
 
 class _Course:

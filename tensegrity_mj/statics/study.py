@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, instance, member, real_array, whole
 from tensegrity_mj.basics.files import made_folder, write_text
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
@@ -158,11 +157,26 @@ class StaticStudy:
         return "infeasible" if self.state is None else "ok"
 
 
-@dataclass(frozen=True, eq=False)
-class Analysis:
+def analyse(
+    scene: Scene | Structure,
+    *,
+    rods: Rods = Rods.RIGID,
+    search: Search = Search.NEWTON,
+    loads: Mapping[str, Sequence[float]] | ArrayLike | None = None,
+    holds: Sequence[Hold] = (),
+    broken: Sequence[str] = (),
+    rest_lengths: Mapping[str, float] | ArrayLike | None = None,
+    path: bool = False,
+    points: int = 100,
+    modes: int = 12,
+    engine: AcceleratingEngine | None = None,
+    materials: Materials | None = None,
+    run: Trajectory | None = None,
+    progress: bool = False,
+) -> StaticStudy:
     """Find the equilibrium of a scene and say what there is to say about it.
 
-    Attributes:
+    Args:
         scene: a scene or a structure.
         rods: rigid, or elastic by their sections.
         search: how the equilibrium is found; a path is followed by Newton's method alone.
@@ -187,90 +201,61 @@ class Analysis:
         OptionError: for arguments that do not fit.
         StructureError: where elastic rods lack a section.
     """
+    member("search", search, Search)
+    count = whole("modes", modes, 1)
+    if path and search is not Search.NEWTON:
+        raise OptionError(f"search = {search.value}: a path is followed by Newton's method; leave one of the two out")
+    scene = Scene(scene) if isinstance(scene, Structure) else scene
+    instance("scene", scene, Scene, "use a Scene or a Structure, as load_scene gives")
+    structure = scene.structure
+    nodes, strings = list(structure.nodes), [string.name for string in structure.strings]
+    model = StaticModel.of(
+        scene,
+        rods=rods,
+        rest_lengths=_by_name("rest_lengths", rest_lengths, structure.rest_lengths, strings, "string", "m"),
+        loads=_by_name("loads", loads, np.zeros((len(nodes), 3)), nodes, "node", "N"),
+        holds=holds,
+        broken=broken,
+    )
+    if engine is not None:
+        require_rigid_and_free(model)
+    checked = None if run is None else _checked(run, model.scene)
+    sizing = None if materials is None else _sized(model, materials)
+    start = balance(model)
+    try:
+        if path:
+            response = Response.of(follow(model, points=points, progress=progress))
+            states = [response.path.states[-1]]
+        else:
+            response, states = None, [] if search is Search.RELAXATION else [find_equilibrium(model)]
+            states += [] if search is Search.NEWTON else [relax(model, progress=progress)]
+    except InfeasibleError as error:
+        if checked is None and sizing is None:
+            raise
+        notes = _notes(model)
+        return StaticStudy(model, search, start, None, str(error), sizing=sizing, run=checked, notes=notes)
+    state = states[0]
+    natural = natural_modes(state, count)
+    confirmed = None
+    if engine is not None:
+        from tensegrity_mj.statics.engines import check_engine  # here: engines take seconds to import
 
-    scene: Scene | Structure
-    _: KW_ONLY
-    rods: Rods = Rods.RIGID
-    search: Search = Search.NEWTON
-    loads: Mapping[str, Sequence[float]] | ArrayLike | None = None
-    holds: Sequence[Hold] = ()
-    broken: Sequence[str] = ()
-    rest_lengths: Mapping[str, float] | ArrayLike | None = None
-    path: bool = False
-    points: int = 100
-    modes: int = 12
-    engine: AcceleratingEngine | None = None
-    materials: Materials | None = None
-    run: Trajectory | None = None
-    progress: bool = False
-
-    def __call__(self) -> StaticStudy:
-        member("search", self.search, Search)
-        count = whole("modes", self.modes, 1)
-        if self.path and self.search is not Search.NEWTON:
-            raise OptionError(
-                f"search = {self.search.value}: a path is followed by Newton's method; leave one of the two out"
-            )
-        model = self._model()
-        if self.engine is not None:
-            require_rigid_and_free(model)
-        checked = None if self.run is None else _checked(self.run, model.scene)
-        sizing = None if self.materials is None else _sized(model, self.materials)
-        start = balance(model)
-        try:
-            states, response = self._equilibria(model)
-        except InfeasibleError as error:
-            if checked is None and sizing is None:
-                raise
-            notes = _notes(model)
-            return StaticStudy(model, self.search, start, None, str(error), sizing=sizing, run=checked, notes=notes)
-        state = states[0]
-        natural = natural_modes(state, count)
-        confirmed = None
-        if self.engine is not None:
-            from tensegrity_mj.statics.engines import check_engine  # here: engines take seconds to import
-
-            confirmed = check_engine(state, natural, self.engine)
-        return StaticStudy(
-            model=model,
-            search=self.search,
-            start=start,
-            state=state,
-            other=states[1] if len(states) > 1 else None,
-            modes=natural,
-            prestressability=_prestressability(state),
-            members=check_state(state),
-            response=response,
-            engine=confirmed,
-            sizing=sizing,
-            run=checked,
-            notes=(*_notes(model), *_edge_notes(state)),
-        )
-
-    def _model(self) -> StaticModel:
-        scene = Scene(self.scene) if isinstance(self.scene, Structure) else self.scene
-        instance("scene", scene, Scene, "use a Scene or a Structure, as load_scene gives")
-        structure = scene.structure
-        nodes, strings = list(structure.nodes), [string.name for string in structure.strings]
-        return StaticModel.of(
-            scene,
-            rods=self.rods,
-            rest_lengths=_by_name("rest_lengths", self.rest_lengths, structure.rest_lengths, strings, "string", "m"),
-            loads=_by_name("loads", self.loads, np.zeros((len(nodes), 3)), nodes, "node", "N"),
-            holds=self.holds,
-            broken=self.broken,
-        )
-
-    def _equilibria(self, model: StaticModel) -> tuple[list[StaticState], Response | None]:
-        """The equilibria that were found, by Newton's method first; and the way to them, if one is wanted."""
-        if self.path:
-            response = Response.of(follow(model, points=self.points, progress=self.progress))
-            return [response.path.states[-1]], response
-        states = [] if self.search is Search.RELAXATION else [find_equilibrium(model)]
-        return states + ([] if self.search is Search.NEWTON else [relax(model, progress=self.progress)]), None
-
-
-analyse = function_of(Analysis)
+        confirmed = check_engine(state, natural, engine)
+    return StaticStudy(
+        model=model,
+        search=search,
+        start=start,
+        state=state,
+        other=states[1] if len(states) > 1 else None,
+        modes=natural,
+        prestressability=_prestressability(state),
+        members=check_state(state),
+        response=response,
+        engine=confirmed,
+        sizing=sizing,
+        run=checked,
+        notes=(*_notes(model), *_edge_notes(state)),
+    )
 
 
 def _prestressability(state: StaticState) -> Prestressability | None:

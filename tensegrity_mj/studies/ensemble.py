@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from tensegrity_mj.basics import interrupts, kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, instance, member
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, NativeLaw, native_law
 from tensegrity_mj.engines.request import Request, request_for, settled
@@ -124,8 +123,18 @@ class Ensemble(Sequence[Trajectory]):
         return str(outcome) if isinstance(outcome, TensegrityError) else outcome.message
 
 
-@dataclass(frozen=True, eq=False)
-class ManyRuns:
+def simulate_many(
+    scenes: Sequence[Scene],
+    controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW,
+    engine: MuJoCo | JAX | None = None,
+    *,
+    duration: float | None = None,
+    actuation: Actuation | None = None,
+    on_infeasible: OnInfeasible = OnInfeasible.STOP,
+    output_interval: float | None = None,
+    threads: int = 0,
+    progress: bool = False,
+) -> Ensemble:
     """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo or JAX.
 
     Each run is what `simulate` makes of its scene: initial states, targets, loads, breaks, and any number of structure,
@@ -133,7 +142,7 @@ class ManyRuns:
     (`run_many` runs anything, in processes.) Scenes with the same structure, gravity and contact share one model; any
     other has its own, which takes longer to set up.
 
-    Attributes:
+    Args:
         scenes: of the same members.
         controllers: a law for all, or one a scene; each scene's own by default, None for none. A law that keeps
             something between calls gets a fresh state a run.
@@ -151,51 +160,34 @@ class ManyRuns:
         OptionError: for options that are out of range, and for scenes that differ in more than they may.
             What becomes of a single run raises nothing here: see `Ensemble`.
     """
-
-    scenes: Sequence[Scene]
-    controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW
-    engine: MuJoCo | JAX | None = None
-    _: KW_ONLY
-    duration: float | None = None
-    actuation: Actuation | None = None
-    on_infeasible: OnInfeasible = OnInfeasible.STOP
-    output_interval: float | None = None
-    threads: int = 0
-    progress: bool = False
-
-    def __call__(self) -> Ensemble:
-        controllers, threads = self.controllers, self.threads
-        engine = _shared(self.engine, "simulate_many")
-        threads = checked("threads (0 for all cores)", threads, kinds.whole(0))
-        scenes = _checked(self.scenes, engine)
-        laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
-        if len(laws) != len(scenes):
-            raise OptionError(
-                f"controllers: there are {len(laws)} laws for {len(scenes)} scenes; give one law, or one each"
-            )
-        total = scenes[0].duration if self.duration is None else self.duration
-        requests: list[Request] = []
-        known: dict[int, NativeLaw] = {}  # by law: describing one may take longer than running it
-        for number, (scene, given) in enumerate(zip(scenes, laws, strict=True)):
-            law = law_for(scene, given)
-            shared = (self.actuation, self.on_infeasible, self.output_interval, self.progress and number == 0)
-            if id(law) in known and callable(getattr(law, "native", None)):
-                native = native_law(law, scene.structure, known[id(law)].description)
-                requests.append(replace(requests[0], scene=scene, law=native, progress=False))
-            else:
-                requests.append(request_for(scene, law, total, *shared))
-                known[id(law)] = requests[-1].law
-        engine, first, _ = settled(engine, requests[0])
-        length, interval, held = first.duration, first.output_interval, first.actuation
-        requests = [replace(one, duration=length, output_interval=interval, actuation=held) for one in requests]
-        warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
-        with interrupts.deferred():
-            run = engine.ensemble(requests, int(threads))
-            run.run()
-        return Ensemble(run, requests)
-
-
-simulate_many = function_of(ManyRuns)
+    engine = _shared(engine, "simulate_many")
+    threads = checked("threads (0 for all cores)", threads, kinds.whole(0))
+    scenes = _checked(scenes, engine)
+    laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
+    if len(laws) != len(scenes):
+        raise OptionError(
+            f"controllers: there are {len(laws)} laws for {len(scenes)} scenes; give one law, or one each"
+        )
+    total = scenes[0].duration if duration is None else duration
+    requests: list[Request] = []
+    known: dict[int, NativeLaw] = {}  # by law: describing one may take longer than running it
+    for number, (scene, given) in enumerate(zip(scenes, laws, strict=True)):
+        law = law_for(scene, given)
+        shared = (actuation, on_infeasible, output_interval, progress and number == 0)
+        if id(law) in known and callable(getattr(law, "native", None)):
+            native = native_law(law, scene.structure, known[id(law)].description)
+            requests.append(replace(requests[0], scene=scene, law=native, progress=False))
+        else:
+            requests.append(request_for(scene, law, total, *shared))
+            known[id(law)] = requests[-1].law
+    engine, first, _ = settled(engine, requests[0])
+    length, interval, held = first.duration, first.output_interval, first.actuation
+    requests = [replace(one, duration=length, output_interval=interval, actuation=held) for one in requests]
+    warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
+    with interrupts.deferred():
+        run = engine.ensemble(requests, int(threads))
+        run.run()
+    return Ensemble(run, requests)
 
 
 def _checked(scenes: Any, engine: Any) -> list[Scene]:

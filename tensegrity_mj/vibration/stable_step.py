@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any
 
@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, instance, real_array
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
@@ -89,11 +88,21 @@ class StableStep:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class StepSearch:
+def stable_step(
+    scene: Scene,
+    engine: Any,
+    *,
+    law: AnyLaw | NativeLaw = SCENE_LAW,
+    actuation: Actuation | None = None,
+    nodes: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    time: float | None = None,
+    run: Trajectory | None = None,
+) -> StableStep:
     """The largest stable step of an engine with a fixed step.
 
-    Attributes:
+    Args:
         scene: what moves.
         engine: `MuJoCo(...)`, `DAE(method=Method.RK4, ...)`, `ODE(...)`; its own step does not count.
         law: closes the loop, continuously; the scene's own by default, None for none. Where `actuation` holds
@@ -113,68 +122,41 @@ class StepSearch:
             scene's numbers are too far apart for eigenvalues.
         InfeasibleError, ControllerError: what the law says at the state.
     """
-
-    scene: Scene
-    engine: Any
-    _: KW_ONLY
-    law: AnyLaw | NativeLaw = SCENE_LAW
-    actuation: Actuation | None = None
-    nodes: ArrayLike | None = None
-    velocities: ArrayLike | None = None
-    rest_lengths: ArrayLike | None = None
-    time: float | None = None
-    run: Trajectory | None = None
-
-    def __call__(self) -> StableStep:
-        instance("scene", self.scene, Scene, "use a Scene, or load_scene(name or path)")
-        if self.time is None:
-            return replace(self, time=self.scene.start_time)()
-        scene, run = self.scene, self.run
-        self._check()
-        stepping = self.engine.stepping
-        mode = (self.actuation or Actuation.continuous()).mode
-        law = law_for(scene, self.law)
-        native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
-        at_states = None if native is None or not native.address else LawAtStates(scene, native)
-        loop = Loop(scene, Bodies.of(scene.structure), at_states, mode)
-        if run is not None:
-            with solvable(scene):
-                return _along(run, loop, stepping)
-        nodes, velocities, rest_lengths = self._state()
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    _check(scene, engine, run, actuation)
+    time = scene.start_time if time is None else time
+    if finite("time", time, " [s]") < 0:
+        raise OptionError(f"time = {time!r}; it must be >= 0 s, as in a run")
+    stepping = engine.stepping
+    mode = (actuation or Actuation.continuous()).mode
+    law = law_for(scene, law)
+    native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
+    at_states = None if native is None or not native.address else LawAtStates(scene, native)
+    loop = Loop(scene, Bodies.of(scene.structure), at_states, mode)
+    if run is not None:
         with solvable(scene):
-            model = loop.at(nodes, velocities, rest_lengths, float(self.time))
-            return step_of(model, stepping, self.time)
-
-    def _check(self) -> None:
-        engine = self.engine
-        if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
-            raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
-        if refused := refusal(engine, self.scene.with_(contact=None)):  # which is in no model of small motions
-            limit, found, setting = refused
-            who = " with ".join(part for part in (engine.descriptor.title, setting) if part)
-            raise limit.error(f"{who} refuses the scene: {found}: {limit.reason}; {limit.remedy}")
-        instance("run", self.run, (Trajectory, NoneType), "use a trajectory, as simulate(...) returns it")
-        use = "use Actuation.continuous() or one of the hold modes"
-        instance("actuation", self.actuation, (Actuation, NoneType), use)
-        if finite("time", self.time, " [s]") < 0:
-            raise OptionError(f"time = {self.time!r}; it must be >= 0 s, as in a run")
-
-    def _state(self) -> tuple[Array, Array, Array | None]:
-        """Positions and velocities (N, 3), and the rest lengths (M,) where they are given."""
-        scene, structure = self.scene, self.scene.structure
-        shape = (len(structure.nodes), 3)
-        x = scene.nodes0 if self.nodes is None else real_array("nodes", self.nodes, shape, "m", False)
-        v = scene.velocities0
-        if self.velocities is not None:
-            v = real_array("velocities", self.velocities, shape, "m/s", False)
-        rest = self.rest_lengths
-        L0 = None if rest is None else real_array("rest_lengths", rest, (len(structure.strings),), "m")
-        moved = {motion.support: motion.at(float(self.time or 0.0))[0] for motion in scene.motions}
-        check_configuration(structure, x, "stable_step: nodes", moved)
-        return x, v, L0
+            return _along(run, loop, stepping)
+    structure, shape = scene.structure, (len(scene.structure.nodes), 3)
+    x = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", False)
+    v = scene.velocities0 if velocities is None else real_array("velocities", velocities, shape, "m/s", False)
+    if rest_lengths is not None:
+        rest_lengths = real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m")
+    moved = {motion.support: motion.at(float(time))[0] for motion in scene.motions}
+    check_configuration(structure, x, "stable_step: nodes", moved)
+    with solvable(scene):
+        return step_of(loop.at(x, v, rest_lengths, float(time)), stepping, time)
 
 
-stable_step = function_of(StepSearch)
+def _check(scene: Scene, engine: Any, run: Any, actuation: Any) -> None:
+    if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
+        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    if refused := refusal(engine, scene.with_(contact=None)):  # which is in no model of small motions
+        limit, found, setting = refused
+        who = " with ".join(part for part in (engine.descriptor.title, setting) if part)
+        raise limit.error(f"{who} refuses the scene: {found}: {limit.reason}; {limit.remedy}")
+    instance("run", run, (Trajectory, NoneType), "use a trajectory, as simulate(...) returns it")
+    use = "use Actuation.continuous() or one of the hold modes"
+    instance("actuation", actuation, (Actuation, NoneType), use)
 
 
 @contextlib.contextmanager

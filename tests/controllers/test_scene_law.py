@@ -19,17 +19,17 @@ from tensegrity_mj.studies import ensemble
 from tensegrity_mj.studies.stability.report import StabilityStudy
 from tensegrity_mj.studies.sweep import simulate_point
 from tensegrity_mj.studies.tradeoff.study import tradeoff
-from tensegrity_mj.studies.validation.study import Validate
-from tensegrity_mj.vibration.stable_step import StepSearch
+from tensegrity_mj.studies.validation.study import validate
+from tensegrity_mj.vibration.stable_step import stable_step
 from tensegrity_mj.vibration.step_warnings import explain_warnings
 
 SHORT: dict[str, Any] = {"duration": 0.02}
 CALLS: list[tuple[Any, str]] = [
     *((tmj.simulate, "controller"), (simulation.simulate, "controller"), (JAX.model, "controller")),
-    *((tmj.simulate_many, "controllers"), (ensemble.ManyRuns, "controllers")),
-    *((one, "law") for one in (tmj.law_in, ensemble.law_in, tmj.stable_step, StepSearch, explain_warnings)),
+    *((tmj.simulate_many, "controllers"), (ensemble.simulate_many, "controllers")),
+    *((one, "law") for one in (tmj.law_in, ensemble.law_in, tmj.stable_step, stable_step, explain_warnings)),
     *((one, "law") for one in (tmj.identify, studies.identify, studies.Sweep, tradeoff)),
-    *((one, "law") for one in (Validate, StabilityStudy)),
+    *((one, "law") for one in (validate, StabilityStudy)),
 ]
 
 

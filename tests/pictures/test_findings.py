@@ -9,7 +9,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.pictures.findings import MOST, Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Section, Table, write_sections
-from tensegrity_mj.statics.study import Analysis
+from tensegrity_mj.statics.study import analyse
 from tensegrity_mj.studies.validation import page as validation_page
 from tensegrity_mj.studies.validation import sentences
 
@@ -43,7 +43,7 @@ def test_the_opening_stands_before_everything_else(tmp_path):
 
 
 def test_the_page_of_statics_says_whether_it_stands_and_shows_pictures_before_tables(tmp_path):
-    text = Analysis(tmj.load_scene("truss_arm"))().save_page(tmp_path / "s.html").read_text(encoding="utf-8")
+    text = analyse(tmj.load_scene("truss_arm")).save_page(tmp_path / "s.html").read_text(encoding="utf-8")
     assert '<p class="verdict">truss_arm is in stable equilibrium; ' in text
     assert text.index("<figure>") < text.index("<table>")
     assert 1 <= text.count('class="finding"') <= MOST

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.basics.checks import names_from, positive, whole
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.seconds import fitted
 from tensegrity_mj.controllers import specs
@@ -49,11 +48,26 @@ class Validation(Report):
         return list(self.data["summary"])
 
 
-@dataclass(frozen=True, eq=False)
-class Validate:
+def validate(
+    scene: Scene | str | os.PathLike[str],
+    law: AnyLaw | str | os.PathLike[str] = SCENE_LAW,
+    *,
+    law_options: Mapping[str, Any] | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    engines: Sequence[str] | None = None,
+    sections: Sequence[str] | None = None,
+    duration: float | None = None,
+    timestep: float = 1e-3,
+    control_period: float = 1e-3,
+    seed: int = 0,
+    quick: bool = False,
+    extent: Extent | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Validation:
     """Test a law on a scene in every engine: as it is meant to be, sampled, and with everything off that may be.
 
-    Attributes:
+    Args:
         scene: a scene, or the name or the path of one; its loads must not be a Python function.
         law: the scene's own by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
             object or function. What no other process can import is run in this one.
@@ -78,77 +92,53 @@ class Validate:
         OptionError: for options out of range, no law, or workers that cannot have the law.
         SceneError: for loads that are a Python function.
     """
-
-    scene: Scene | str | os.PathLike[str]
-    law: AnyLaw | str | os.PathLike[str] = SCENE_LAW
-    _: KW_ONLY
-    law_options: Mapping[str, Any] | None = None
-    folder: str | os.PathLike[str] | None = None
-    engines: Sequence[str] | None = None
-    sections: Sequence[str] | None = None
-    duration: float | None = None
-    timestep: float = 1e-3
-    control_period: float = 1e-3
-    seed: int = 0
-    quick: bool = False
-    extent: Extent | None = None
-    workers: Workers | None = None
-    progress: bool = False
-
-    def __call__(self) -> Validation:
-        scene = self.scene if isinstance(self.scene, Scene) else load_scene(self.scene)
-        spec = specs.spec_of(self.law, scene, self.law_options)
-        if spec == specs.NO_LAW:
-            raise OptionError(f"validate: there is no law to test; leave law out to test '{named_in(scene)}'")
-        made = specs.make(spec, scene)
-        description = plain(specs.describe(spec, made, scene), "what the law says of itself")
-        setup = self._setup(scene, made)
-        chosen = names_from("sections", self.sections, tuple(SECTIONS))
-        chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
-        todo = cases(setup, chosen)
-        study = run_study(
-            run_point,
-            [case.point for case in todo],
-            runs_in(self.folder),
-            f"validation of {scene.name}",
-            {
-                "identity": {"law": description, "format": FORMAT},
-                "workers": workers_for(spec, self.workers),
-                "progress": self.progress,
-            },
-            {"scene": scene_to_toml(scene), "spec": spec, **plain_values(setup, "duration", "timestep")},
-        )
-        data: dict[str, Any] = {
-            "format": FORMAT,
-            "scene": {"name": scene.name, "source": scene.source},
-            "law": description,
-            "setup": {
-                "engines": list(setup.engines),
-                "sections": chosen,
-                **plain_values(setup, "duration", "timestep"),
-                "control_period": setup.period,
-                "seed": setup.seed,
-                "runs": len(todo),
-            },
-            "versions": study.identity["versions"],
-            **findings(setup, list(zip(todo, study.outcomes, strict=True))),
-        }
-        return Validation(data).kept(self.folder)
-
-    def _setup(self, scene: Scene, law: Any) -> Setup:
-        return Setup(
-            scene,
-            law,
-            _engines(scene, self.engines),
-            _duration(scene, self.duration),
-            _part_of_a_tick("timestep", self.timestep),
-            _part_of_a_tick("control_period", self.control_period),
-            whole("seed", self.seed, 0),
-            self.extent or (Extent.quick() if self.quick else Extent()),
-        )
-
-
-validate = function_of(Validate)
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    spec = specs.spec_of(law, scene, law_options)
+    if spec == specs.NO_LAW:
+        raise OptionError(f"validate: there is no law to test; leave law out to test '{named_in(scene)}'")
+    made = specs.make(spec, scene)
+    description = plain(specs.describe(spec, made, scene), "what the law says of itself")
+    setup = Setup(
+        scene,
+        made,
+        _engines(scene, engines),
+        _duration(scene, duration),
+        _part_of_a_tick("timestep", timestep),
+        _part_of_a_tick("control_period", control_period),
+        whole("seed", seed, 0),
+        extent or (Extent.quick() if quick else Extent()),
+    )
+    chosen = names_from("sections", sections, tuple(SECTIONS))
+    chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
+    todo = cases(setup, chosen)
+    study = run_study(
+        run_point,
+        [case.point for case in todo],
+        runs_in(folder),
+        f"validation of {scene.name}",
+        {
+            "identity": {"law": description, "format": FORMAT},
+            "workers": workers_for(spec, workers),
+            "progress": progress,
+        },
+        {"scene": scene_to_toml(scene), "spec": spec, **plain_values(setup, "duration", "timestep")},
+    )
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "scene": {"name": scene.name, "source": scene.source},
+        "law": description,
+        "setup": {
+            "engines": list(setup.engines),
+            "sections": chosen,
+            **plain_values(setup, "duration", "timestep"),
+            "control_period": setup.period,
+            "seed": setup.seed,
+            "runs": len(todo),
+        },
+        "versions": study.identity["versions"],
+        **findings(setup, list(zip(todo, study.outcomes, strict=True))),
+    }
+    return Validation(data).kept(folder)
 
 
 def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
