@@ -129,8 +129,8 @@ def stable_step(
         raise OptionError(f"time = {time!r}; it must be >= 0 s, as in a run")
     stepping = engine.stepping
     mode = (actuation or Actuation.continuous()).mode
-    law = law_for(scene, law)
-    native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
+    native = law_for(scene, law)
+    native = native if isinstance(native, NativeLaw) or native is None else native_law(native, scene.structure)
     at_states = None if native is None or not native.address else LawAtStates(scene, native)
     loop = Loop(scene, Bodies.of(scene.structure), at_states, mode)
     if run is not None:
