@@ -12,10 +12,11 @@ cd "$root"
 # would lay it out.
 typing="$root/build/typing"
 rm -rf "$typing"
-mkdir -p "$typing/tensegrity_mj"
+mkdir -p "$typing/tensegrity_mj" "$typing/evidence"
 ln -s "$root"/tensegrity_mj/* "$typing/tensegrity_mj/"
 ln -s "$root/controllers" "$root/models" "$typing/tensegrity_mj/"
-rm -f "$typing/tensegrity_mj/__pycache__"
+ln -s "$root"/evidence/* "$typing/evidence/"
+rm -f "$typing"/*/__pycache__ "$typing/evidence/tests"
 cd "$typing"
-"$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" --cache-dir "$root/.mypy_cache" -p tensegrity_mj
+"$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" --cache-dir "$root/.mypy_cache" -p tensegrity_mj -p evidence
 "$venv/bin/lint-imports" --config "$root/pyproject.toml" --no-logo

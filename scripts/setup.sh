@@ -45,7 +45,8 @@ fingerprint() {
 import hashlib, pathlib, sys
 
 kind, root = sys.argv[1:]
-text = "\n".join([kind, "with pip", sys.version, root, (pathlib.Path(root) / "pyproject.toml").read_text(encoding="utf-8")])
+files = [pathlib.Path(root) / name for name in ("pyproject.toml", "evidence/pyproject.toml")]
+text = "\n".join([kind, "with pip", sys.version, root, *(file.read_text(encoding="utf-8") for file in files if file.exists())])
 print(hashlib.sha256(text.encode()).hexdigest())
 PYTHON
 }
@@ -77,7 +78,7 @@ pip_install() { # python, then arguments of pip install
 }
 
 install_package() { # python run|docs|dev
-    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" requirement="$root" quiet=(--quiet)
+    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root") quiet=(--quiet)
     wanted="$(fingerprint "$python" "$kind")"
     if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
         return
@@ -89,12 +90,12 @@ install_package() { # python run|docs|dev
         "$python" -m venv --clear --without-pip "$venv"
         printf '%s %s' "$root" "$("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" >"$venv/.made-for"
     fi
-    if [ "$kind" != run ]; then requirement="$root[$kind]"; fi
+    if [ "$kind" != run ]; then packages=(--editable "$root[$kind]" --editable "$root/evidence"); fi
     if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
     # With a pip of its own, so that `.venv/bin/python -m pip install` of the guides and of `doctor` works.
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
-    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" "pip>=22.3" >&2
+    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts "${packages[@]}" "pip>=22.3" >&2
     printf '%s' "$wanted" >"$stamp"
     rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
     # What the tests need includes what the site needs, and that what the demo needs.

@@ -23,6 +23,11 @@ def places() -> dict[str, str]:
     for name in site_pages.scenes():
         found[f"models/{name}/README.md"] = f"scenes/{name}.md"
         found[f"models/{name}/scene.png"] = f"scenes/{name}.png"
+    evidence = ROOT / "evidence"
+    for path in [evidence / "README.md", *sorted((evidence / "docs").rglob("*.*"))]:
+        found[path.relative_to(ROOT).as_posix()] = "evidence/" + path.relative_to(evidence).as_posix().removeprefix(
+            "docs/"
+        )
     return found
 
 

@@ -41,7 +41,6 @@ ROOMS = (
     "gymnasium",
     "linearization",
     "library",
-    "thesis",
     "errors",
 )
 

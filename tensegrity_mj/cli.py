@@ -16,7 +16,6 @@ from typing import Any
 from tensegrity_mj.basics.dependencies import distribution_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands import (
-    audit,
     clearance,
     compare,
     demo,
@@ -26,7 +25,6 @@ from tensegrity_mj.commands import (
     import_scene,
     linearize,
     render,
-    reproduce,
     run,
     scenes,
     stability,
@@ -38,6 +36,7 @@ from tensegrity_mj.commands import (
 )
 from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
+from tensegrity_mj.commands.installed import installed
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 from tensegrity_mj.errors import (
     DivergenceError,
@@ -62,17 +61,17 @@ GROUPS: Groups = {
     },
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
     "many runs": {"sweep": sweep, "identify": identify, "tradeoff": tradeoff, "validate": validate},
-    "the thesis": {"reproduce": reproduce},
-    "this package": {"audit": audit},
     "what is there": {"scenes": scenes, "doctor": doctor, "demo": demo},
 }
 DESCRIPTION = "Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them."
 EPILOG = "example:\n  tensegrity-mj run prism --out prism.nc --video prism.mp4\n\nSI units and radians everywhere."
 
 
-def build_parser() -> Parser:
-    """The parser of the whole command line."""
-    return build(GROUPS, DESCRIPTION, EPILOG)
+def build_parser(arguments: Sequence[str] = ()) -> Parser:
+    """Make the parser of the whole command line; that of arguments which begin with an own command has no others."""
+    first = next((word for word in arguments if not word.startswith("-")), "")
+    own = any(first in group for group in GROUPS.values())
+    return build(GROUPS if own else {**GROUPS, **installed()}, DESCRIPTION, EPILOG)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in arguments
     try:
-        parser = build_parser()
+        parser = build_parser(arguments)
         if "_ARGCOMPLETE" in os.environ:
             from tensegrity_mj.commands.completion import complete
 

@@ -11,6 +11,8 @@ from typing import Any, NoReturn
 from tensegrity_mj.basics.texts import nearest
 from tensegrity_mj.commands.arguments import add_arguments, words_of
 from tensegrity_mj.commands.common import EXIT_CODES
+from tensegrity_mj.commands.installed import EVIDENCE, MISSING
+from tensegrity_mj.errors import MissingLibraryError
 
 PROGRAM = "tensegrity-mj"
 Groups = Mapping[str, Mapping[str, ModuleType]]
@@ -74,6 +76,8 @@ class Parser(argparse.ArgumentParser):
             return
         allowed = [str(choice) for choice in action.choices]
         if isinstance(action, argparse._SubParsersAction):
+            if value in EVIDENCE and not self.words:
+                raise MissingLibraryError(f"{value}: {MISSING}")
             meant = self._command_like(str(value))
             more = f"did you mean {meant}?" if meant else f"allowed: {', '.join(allowed)}"
             raise argparse.ArgumentError(None, f"{value}: there is no such command; {more}")

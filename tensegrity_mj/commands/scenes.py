@@ -79,7 +79,7 @@ def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
 
 def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
     """What a scene consists of and needs; that it could be loaded means that it is valid. Times are under "timing"."""
-    from tensegrity_mj.studies.speed.requirements import requirements
+    from tensegrity_mj.engines.mujoco.needs import requirements
 
     structure = scene.structure
     needs = requirements(scene, timing).to_dict()

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
+    from tensegrity_mj.engines.mujoco.needs import Requirements as Requirements
+    from tensegrity_mj.engines.mujoco.needs import requirements as requirements
     from tensegrity_mj.studies.attempt import WithFiles as WithFiles
     from tensegrity_mj.studies.axes import Choice as Choice
     from tensegrity_mj.studies.axes import Draw as Draw
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.many import run_many as run_many
     from tensegrity_mj.studies.page import write_sweep_page as write_sweep_page
     from tensegrity_mj.studies.parameter_values import Scaled as Scaled
-    from tensegrity_mj.studies.speed.requirements import Requirements as Requirements
-    from tensegrity_mj.studies.speed.requirements import requirements as requirements
     from tensegrity_mj.studies.sweep import Sweep as Sweep
     from tensegrity_mj.studies.validation.sections import Extent as Extent
     from tensegrity_mj.studies.validation.study import Validation as Validation

@@ -14,20 +14,20 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
+from tensegrity_mj.engines.mujoco import step_timing
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun
-from tensegrity_mj.library.random_structures import random_scene, random_structure
-from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.text.sources import scene_names
-from tensegrity_mj.studies.speed import step_timing
-from tensegrity_mj.studies.speed.requirements import (
+from tensegrity_mj.engines.mujoco.needs import (
     JOINTS,
     MOST_HANGING,
     degrees_of_freedom,
     engine_for_size,
     largest_tree,
 )
-from tensegrity_mj.studies.speed.step_timing import CONTACT, PARTS, REST, measure, variants
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.step_timing import CONTACT, PARTS, REST, measure, variants
+from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.text.sources import scene_names
 
 OFF = ("constraint off", "contact off", "autoreset off")
 LOOPS = ("contact off", "autoreset off", "diagexact on")

@@ -17,11 +17,11 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import tensegrity_mj as tmj
+from evidence.extremes.pace import mobility
 from tensegrity_mj.controllers import from_scene
 from tensegrity_mj.engines.accuracy.rates import string_rates
 from tensegrity_mj.model import PointMass, RodMass
 from tensegrity_mj.model.moved_supports import velocities_with_supports
-from tensegrity_mj.studies.extremes.pace import mobility
 from tensegrity_mj.vibration.stable_step import stable_step
 
 G = 9.81

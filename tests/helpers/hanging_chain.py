@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
+from evidence.cable.chain import Chain
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.cable.chain import Chain
 
 
 @dataclass(frozen=True, eq=False)

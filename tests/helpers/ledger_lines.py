@@ -1,11 +1,11 @@
-"""The ledger of docs/reproduction.md as data."""
+"""The ledger of evidence/docs/reproduction.md as data."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-DOC = Path(__file__).resolve().parents[2] / "docs" / "reproduction.md"
+DOC = Path(__file__).resolve().parents[2] / "evidence" / "docs" / "reproduction.md"
 
 
 def lines_of(text: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ def only_extra(folder: Path, extra: str) -> dict[str, str]:
         folder: an empty folder, for the hook that hides the rest.
         extra: one of the extras of pyproject.toml.
     """
-    kept = _closure("tensegrity-mj", extra)
+    kept = _closure("tensegrity-mj", extra) | {"tensegrity-mj-evidence"}  # which scripts/setup.sh installs beside it
     hidden = {
         module for module, homes in packages_distributions().items() if not any(_normal(home) in kept for home in homes)
     }

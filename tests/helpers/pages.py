@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     path
-    for pattern in ("*.md", "docs/**/*.md", "models/*/README.md", "tests/data/**/README.md")
+    for pattern in ("*.md", "docs/**/*.md", "evidence/*.md", "evidence/docs/*.md", "[mt]*/**/README.md")
     for path in ROOT.glob(pattern)
     if path.name != "paper.md"
 )

@@ -29,7 +29,6 @@ FACES = [
     "statics",
     "studies",
     "studies.tradeoff",
-    "thesis",
 ]
 
 
@@ -89,7 +88,6 @@ def test_a_name_that_is_not_there_says_what_is() -> None:
     for room, name, home in (
         (tmj, "SceneError", "errors"),
         (tmj, "Contact", "model"),
-        (tmj, "reproduce", "thesis"),
         (tmj, "plots", "pictures"),
         (tmj.studies, "TradeoffOptions", "tradeoff"),
     ):

@@ -24,7 +24,7 @@ from tensegrity_mj.studies import tasks
 
 ROOMS = (
     "|controllers|engines|exchange|library|linearization|model|pictures|runs|statics|studies|studies.tradeoff|"
-    "studies.tasks|thesis|gymnasium|dm_control"
+    "studies.tasks|gymnasium|dm_control"
 ).split("|")
 NAN, INF = math.nan, math.inf
 WRONG: list[Any] = [

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 from only_extra import only_extra
-from pages import ROOT
+from pages import PAGES, ROOT
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import build_parser
@@ -94,7 +94,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
 
 
 def test_commands_stand_in_blocks_whose_lines_break_on_a_phone() -> None:
-    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "models").glob("*/README.md")]:
+    for path in PAGES:
         kind = None
         for line in path.read_text(encoding="utf-8").splitlines():
             if line.lstrip().startswith("```"):

@@ -33,7 +33,7 @@ def test_the_load_is_caught_by_a_rope_that_yields() -> None:
         spent = 0.5 * 0.03 * 3000 + 0.5 * (3000 + top) * (longest - 0.03) - 0.5 * top**2 / 1e5
         assert spent == pytest.approx(1151, abs=1)
         assert run.dissipation[-1] == pytest.approx(1290, abs=1)
-        # Dampers that let go of a string leave h² (docs/accuracy.md), and of nothing else.
+        # Dampers that let go of a string leave h² (evidence/docs/accuracy.md), and of nothing else.
         assert run.energy_residual < 1e-3
     strings = scene.structure.strings
     straight = (*strings[:2], replace(strings[2], curve=strings[2].curve[:1], yields=False))

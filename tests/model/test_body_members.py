@@ -10,11 +10,11 @@ from body_scenes import CENTER, CORNERS, MOMENTS, slung, stone
 from scipy.spatial.transform import Rotation
 
 import tensegrity_mj as tmj
+from evidence.thesis.disturbance import Disturbance, Quantity, disturbed
 from tensegrity_mj.model import Body, format_schema, rods
 from tensegrity_mj.model.bodies import frame_of
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 
 
 def solid(**changes):

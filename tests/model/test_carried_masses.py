@@ -11,6 +11,7 @@ import pytest
 from loaded_rods import cloud, loaded, mass_of_nodes
 
 import tensegrity_mj as tmj
+from evidence.thesis.disturbance import Disturbance, Quantity, disturbed
 from tensegrity_mj import exchange
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.exchange.importing import import_scene
@@ -25,7 +26,6 @@ from tensegrity_mj.statics.lightest import minimal_mass
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.statics.sizing import STEEL
 from tensegrity_mj.studies.sweep import Sweep, drafted
-from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 
 MASS, LENGTH = 0.7, 1.3
 LUMPS = (RodMass(0.2, 0.5), RodMass(0.9, 0.3, 8e-3))

@@ -12,6 +12,7 @@ import pytest
 from soft_scenes import LENGTH, MASS, K, bar, rigid, soft_chain, soft_pair
 
 import tensegrity_mj as tmj
+from evidence.extremes.pace import pace
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
 from tensegrity_mj.engines.request import Request
@@ -21,7 +22,6 @@ from tensegrity_mj.exchange.menagerie import save_menagerie
 from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model import Section
 from tensegrity_mj.statics import find_equilibrium, natural_modes
-from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.scene_parameters import changed_scene
 from tensegrity_mj.studies.validation import measures, sentences
 

@@ -6,13 +6,13 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 import truth
 
 import tensegrity_mj as tmj
+from evidence.pages import references
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.text.sources import pack_names
@@ -21,15 +21,6 @@ from tensegrity_mj.runs import Table, limit, observed_orders, read_table, refere
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [name.removeprefix("pack/") for name in pack_names()]
 every_scene = pytest.mark.parametrize("name", NAMES)
-
-
-@pytest.fixture
-def references(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """scripts/references.py."""
-    monkeypatch.syspath_prepend(ROOT / "scripts")
-    import references
-
-    return references
 
 
 def table_of(name: str, nodes: np.ndarray, step: float | None = None) -> Table:
@@ -54,7 +45,7 @@ def test_references_begin_at_the_scenes_start_and_the_page_has_their_error_bars(
 
 @pytest.mark.slow
 @every_scene
-def test_a_second_formulation_finds_the_reference_within_its_error_bar(name: str, references: ModuleType) -> None:
+def test_a_second_formulation_finds_the_reference_within_its_error_bar(name: str) -> None:
     """Those that the bars were made of: the ODE, the DAE's full equations, the equations of the page, a closed form."""
     found = score(reference_of(name), table_of(name, references.second(name)[1]))
     assert found.judged == "exact", found.verdict
@@ -69,14 +60,14 @@ def test_stedy_finds_the_free_prism() -> None:
 
 
 @pytest.mark.study
-def test_mujoco_finds_the_contact_within_its_error_bar(references: ModuleType) -> None:
+def test_mujoco_finds_the_contact_within_its_error_bar() -> None:
     nodes = references.simulated("contact", tmj.MuJoCo(1e-6))
     assert score(reference_of("contact"), table_of("contact", nodes)).judged == "exact"
 
 
 @pytest.mark.slow
 @every_scene
-def test_one_percent_more_mass_is_beyond_the_bound(name: str, references: ModuleType) -> None:
+def test_one_percent_more_mass_is_beyond_the_bound(name: str) -> None:
     """At tolerances of which the error, below 1e-6 m, is nothing beside that."""
     if name in references.OWN:
         nodes = references.by_own_equations(name, 1e-9, mass=1.01)
@@ -379,7 +370,7 @@ def test_what_tables_do_not_show_is_not_right(tmp_path: Path) -> None:
     assert main(["compare", "pinned", *files, "--score"]) == 7
 
 
-def test_the_water_of_many_segments_is_the_reference(references: ModuleType) -> None:
+def test_the_water_of_many_segments_is_the_reference() -> None:
     """By Gauss-Legendre points, without any segment: its bar holds them apart, and 128 segments are right."""
     reference = reference_of("water")
     own = references.by_own_equations("water", 1e-11)
@@ -395,7 +386,7 @@ def test_the_water_of_many_segments_is_the_reference(references: ModuleType) -> 
     assert score(reference, table_of("water", run.nodes)).error == pytest.approx(4 * found.error, rel=0.05)
 
 
-def test_a_damper_that_pushes_is_seen_in_the_bounce(references: ModuleType) -> None:
+def test_a_damper_that_pushes_is_seen_in_the_bounce() -> None:
     """The closed form is the reference; without the clipping of the damper it is another motion, whatever the step."""
     reference = reference_of("bounce")
     found = score(reference, table_of("bounce", references.by_own_equations("bounce")))

@@ -13,8 +13,8 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import Replay
+from tensegrity_mj.engines.names import NAMES
 from tensegrity_mj.model.elements.contact import floor_gaps
-from tensegrity_mj.studies.engine_names import NAMES
 from tensegrity_mj.studies.stability.report import study_stability
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)

@@ -6,10 +6,8 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tensegrity_mj as tmj
+from evidence.pages import tradeoff as docs
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.reference.method import Method
@@ -523,8 +522,7 @@ def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
     assert "nothing moves" in still["reference"]["reason"]
 
 
-def test_page_picture_and_documentation_are_written(tmp_path: Path, script: Callable[[str], ModuleType]) -> None:
-    docs = script("tradeoff")
+def test_page_picture_and_documentation_are_written(tmp_path: Path) -> None:
     study = small_study(tmp_path / "study")
     page = (tmp_path / "study" / "tradeoff.html").read_text(encoding="utf-8")
     assert not re.search("https?:", page)  # bare "http" may stand in the pixels of a picture

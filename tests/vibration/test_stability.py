@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.names import NAMES, engine_of
 from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.studies.engine_names import NAMES, engine_of
 from tensegrity_mj.studies.stability import study
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
 from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, measured_limit, steps_for

@@ -26,6 +26,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.engines import Drift
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.errors import StabilityWarning, StructureError
 from tensegrity_mj.library.cable import Excitation, cable
 from tensegrity_mj.library.random_linked import random_linked_structure
@@ -38,7 +39,6 @@ from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.rods import lumped_masses, string_forces
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.stability.cases import joined_points, joined_scene, scene_at_rest
 from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
 from tensegrity_mj.studies.stability.report import describe, study_stability
 from tensegrity_mj.studies.stability.study import at_rest

@@ -45,7 +45,7 @@ class MuJoCo:
         timestep: h [s].
         integrator: see `Integrator`.
         accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of the other two, which it chooses
-            for each run (docs/accuracy.md).
+            for each run (evidence/docs/accuracy.md).
         locate_slack: whether steps of RK4 are split where strings begin or cease to pull, so that it keeps its order
             there.
     """

@@ -45,9 +45,9 @@ class ReferenceEngine:
         timestep: [s], of RK4 only.
         max_steps: of the error-controlled methods, before the run is given up.
         accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
-            which it chooses for each run (docs/accuracy.md).
+            which it chooses for each run (evidence/docs/accuracy.md).
         locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
-            keeps its order of 4 there (docs/accuracy.md).
+            keeps its order of 4 there (evidence/docs/accuracy.md).
     """
 
     method: Method = field(choice(Method), default=Method.DOP853)

@@ -10,11 +10,11 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.engines.names import NAMES, TITLES
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
-from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.report import rest_rows, start_rows

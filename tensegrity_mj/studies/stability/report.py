@@ -14,9 +14,9 @@ from tensegrity_mj.basics.checks import member, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
+from tensegrity_mj.engines.names import NAMES, TITLES, engine_of, simulates
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.engine_names import NAMES, TITLES, engine_of, simulates
 from tensegrity_mj.studies.many import run_study
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
 from tensegrity_mj.studies.stability.study import DRAWN, agreement, at_rest, limits_at, summary

@@ -28,6 +28,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.names import NAMES, engine_of, simulates
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.library.random_structures import random_velocities
@@ -36,7 +37,6 @@ from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.studies.engine_names import NAMES, engine_of, simulates
 from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import forces_on_nodes, forces_round_off

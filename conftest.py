@@ -1,0 +1,94 @@
+"""What every test may rely on."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads of linear algebra would only wait
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    # XLA compiles what a test runs once: not optimized, in 0.4 of the time. `-n 0` tests what users run.
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
+import pytest
+import session_report
+from hypothesis import HealthCheck, settings
+
+import tensegrity_mj as tmj
+
+# No test depends on how fast the machine is, which this check of hypothesis does.
+settings.register_profile("any speed", suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
+
+# A shell that starts this in the background makes it deaf to SIGINT; tests of interrupts need to hear it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(session_report)
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """A longer limit for studies, which take minutes each on an idle machine; and the order for several processes.
+
+    Tests that share a fixture of their module stay in one process, so that it is made once. Slow ones come first, so
+    that none is begun when all other processes are already done.
+    """
+    for item in items:
+        if item.get_closest_marker("study") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(3000))
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    for item in items:
+        found = item._fixtureinfo.name2fixturedefs.values()
+        if any(one.scope in ("module", "class") and one.baseid for definitions in found for one in definitions):
+            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+
+
+# Scenes are immutable: one of each serves every test.
+
+
+@pytest.fixture(scope="session")
+def prism() -> tmj.Scene:
+    """The shipped three-bar prism with its control law."""
+    return tmj.load_scene("prism")
+
+
+@pytest.fixture(scope="session")
+def prism_run(prism: tmj.Scene) -> tmj.Trajectory:
+    """A tenth of a second of the prism under its law, in MuJoCo, at a step of 10 ms."""
+    return tmj.simulate(prism, tmj.controllers.from_scene(prism), tmj.MuJoCo(1e-2), duration=0.1)
+
+
+@pytest.fixture(scope="session")
+def pinned_rod() -> tmj.Scene:
+    """The shipped pinned rod with its control law."""
+    return tmj.load_scene("pinned_rod")
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
+    """Imports an example by its name."""
+    examples = Path(__file__).parent / "examples"
+    monkeypatch.syspath_prepend(str(examples))
+
+    def read(name: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, examples / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, name, module)
+        spec.loader.exec_module(module)
+        return module
+
+    return read

@@ -1,0 +1,1 @@
+"""The commands `audit` and `reproduce`, which tensegrity-mj finds by their entry points."""

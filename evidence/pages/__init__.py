@@ -1,0 +1,1 @@
+"""Scripts that write pages and references anew: `python -m evidence.pages.NAME`."""
