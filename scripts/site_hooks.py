@@ -25,9 +25,8 @@ def places() -> dict[str, str]:
         found[f"models/{name}/scene.png"] = f"scenes/{name}.png"
     evidence = ROOT / "evidence"
     for path in [evidence / "README.md", *sorted((evidence / "docs").rglob("*.*"))]:
-        found[path.relative_to(ROOT).as_posix()] = "evidence/" + path.relative_to(evidence).as_posix().removeprefix(
-            "docs/"
-        )
+        place = path.relative_to(ROOT).as_posix()
+        found[place] = place.replace("evidence/docs/", "evidence/")
     return found
 
 

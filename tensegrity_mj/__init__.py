@@ -2,7 +2,7 @@
 
 SI units, radians; the world frame is right-handed with z up. Each name is imported when it is first used. Further names
 are where they belong: `model`, `controllers`, `engines`, `runs`, `statics`, `studies`, `pictures`, `errors`, and by an
-import of their own `dm_control`, `library`, `vibration`, `thesis`.
+import of their own `dm_control`, `library`, `vibration`.
 """
 
 from typing import TYPE_CHECKING

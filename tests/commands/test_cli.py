@@ -29,10 +29,11 @@ from tensegrity_mj.commands import common, experiment, scenes
 from tensegrity_mj.commands.arguments import words_of
 from tensegrity_mj.commands.common import ExitCode, Outcome
 from tensegrity_mj.commands.doctor import Check
+from tensegrity_mj.commands.installed import installed
 
 COMMANDS = {
     " ".join(filter(None, (name, inner))): command
-    for group in GROUPS.values()
+    for group in [*GROUPS.values(), *installed().values()]
     for name, module in group.items()
     for inner, command in getattr(module, "COMMANDS", {"": module}).items()
 }

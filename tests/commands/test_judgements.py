@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import itertools
 import re
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 from panels import check_one_prefix, check_panels, unit_of
 
+import evidence.commands
 import tensegrity_mj as tmj
+import tensegrity_mj.commands
 from tensegrity_mj.cli import build_parser
 from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import Outcome
@@ -104,7 +107,8 @@ def test_text_page_and_json_of_a_command_are_one_list(
 
 def test_every_command_with_a_page_is_compared() -> None:
     """But for `demo`, whose page is of two runs and a film, and `reproduce`, whose page is the ledger."""
-    modules = (Path(tmj.__file__).parent / "commands").rglob("*.py")
+    homes = (Path(module.__file__).parent for module in (tensegrity_mj.commands, evidence.commands))
+    modules = itertools.chain.from_iterable(home.rglob("*.py") for home in homes)
     pages = [
         one for one in modules if re.search(r"PAGE|\.html|_page\(|tradeoff\(|\.save\(folder\)", one.read_text("utf-8"))
     ]

@@ -12,6 +12,9 @@ import pytest
 
 from tensegrity_mj.cli import GROUPS, main
 from tensegrity_mj.commands.arguments import words_of
+from tensegrity_mj.commands.installed import installed
+
+ALL = {**GROUPS, **installed()}
 
 # Answers that the issue gives, or that follow from difflib's ratio (2 M / T over the letters that match, at least 0.6).
 MEANT = {
@@ -35,7 +38,7 @@ MEANT = {
 }
 # Where nothing is near, the answer says what is allowed or where to look.
 ELSE = {
-    "": f"name a command: {', '.join(name for group in GROUPS.values() for name in group)}",
+    "": f"name a command: {', '.join(name for group in ALL.values() for name in group)}",
     "audit": "audit: name a command: extremes, promise, drift, speed",
     "run": "run: SCENE: missing; see tensegrity-mj run --help",
     "run prism tower": "run: tower: more than it takes; see tensegrity-mj run --help",
@@ -85,7 +88,7 @@ def test_a_step_that_is_too_large_is_warned_of_in_one_line(capsys: pytest.Captur
 
 
 def test_help_shows_the_groups_with_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
-    for words, groups in (([], GROUPS), (["audit"], {"commands": GROUPS["this package"]["audit"].COMMANDS})):
+    for words, groups in (([], ALL), (["audit"], {"commands": ALL["tensegrity-mj-evidence"]["audit"].COMMANDS})):
         with pytest.raises(SystemExit) as end:
             main([*words, "--help"])
         assert end.value.code == 0
