@@ -168,7 +168,7 @@ def test_growth_of_whirling_is_that_of_the_instability_from_a_tiny_seed() -> Non
 
 
 def test_the_damper_of_a_bent_joint_brakes_a_pair_that_turns_as_a_whole() -> None:
-    """The numbers of evidence/docs/cable.md: two rods of 1 m at φ, turned in their plane by ω: no force, the moment -γ ‖e‖² ω,
+    """The numbers of docs/cable.md: two rods of 1 m at φ, turned in their plane by ω: no force, the moment -γ ‖e‖² ω,
     ‖e‖ = 2 sin(φ/2) by hand."""
     gamma, omega = 0.3, 0.7
     for phi in (0.1, 0.5 * np.pi):

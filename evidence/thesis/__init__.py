@@ -3,7 +3,7 @@
 `experiments`, `series` and `beams` say what is run, the TOML files of `tables/` what the thesis states (a row each),
 `measures*` how it is measured, `panels`, `drawing` and `figures*` how its figures are drawn again. `runs` computes and
 keeps the runs, `ledger` judges, `page` and `reproduction` write the results. A `disturbance` is an error that rows are
-to notice: `pages.sensitivity` finds which do. `pages.reproduction` writes evidence/docs/reproduction.md.
+to notice: `pages.sensitivity` finds which do. `pages.reproduction` writes docs/reproduction.md.
 """
 
 from typing import TYPE_CHECKING
