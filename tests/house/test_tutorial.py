@@ -1,7 +1,9 @@
-"""The tutorial, walked as a reader would: files saved, commands run in order, and what is printed is there."""
+"""The tutorials, walked as a reader would: files saved, code and commands run in order, and what is shown is printed."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import re
 import subprocess
@@ -16,6 +18,10 @@ from tensegrity_mj.commands.doctor import check_opengl
 PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 SAVED = re.compile(r"this\s+as\s+`([\w.]+)`.*?\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 COMMANDS = re.compile(r"^```bash\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
+
+
+TRADES = ["footbridge.md"]  # of docs/tutorials
+FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
 def missing(shown: str, printed: str) -> list[str]:
@@ -51,3 +57,38 @@ def test_the_tutorial_runs_in_an_empty_folder(tmp_path: Path) -> None:
     assert (tmp_path / "report" / "validation.html").stat().st_size > 10_000
     assert (tmp_path / "free.png").exists()
     assert (tmp_path / "mast.mp4").exists() == draws
+
+
+def printed_by(language: str, code: str, page: str, names: dict[str, object]) -> str:
+    """Run a block and return what it printed on stdout."""
+    if language == "python":
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
+            exec(compile(code, page, "exec"), names)
+        return out.getvalue()
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    run = subprocess.run(["bash", "-ec", code], env={**os.environ, "PATH": path}, capture_output=True, text=True)
+    assert run.returncode == 0, f"{code}\n{run.stderr}"
+    return run.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", TRADES)
+def test_the_tutorials_of_the_trades_run_in_an_empty_folder(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "docs" / "tutorials" / page).read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    files = dict(SAVED.findall(text))
+    for name, content in files.items():
+        Path(name).write_text(content, encoding="utf-8")
+    names: dict[str, object] = {}
+    printed, checked = None, 0
+    for language, code in FENCED.findall(text):
+        if language in ("python", "bash") and code not in files.values():
+            printed = printed_by(language, code, page, names)
+        elif language == "text" and printed is not None:
+            assert not missing(code, printed), f"{code}\n{printed}"
+            checked += 1
+    assert checked > 3
