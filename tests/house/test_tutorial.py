@@ -20,7 +20,7 @@ SAVED = re.compile(r"this\s+as\s+`([\w.]+)`.*?\n```\w+\n(.*?)^```$", re.DOTALL |
 COMMANDS = re.compile(r"^```bash\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
 
 
-TRADES = ["footbridge.md"]  # of docs/tutorials
+TRADES = ["footbridge.md", "controller.md"]  # of docs/tutorials
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -83,6 +83,8 @@ def test_the_tutorials_of_the_trades_run_in_an_empty_folder(
     files = dict(SAVED.findall(text))
     for name, content in files.items():
         Path(name).write_text(content, encoding="utf-8")
+    for name in files:
+        monkeypatch.delitem(sys.modules, Path(name).stem, raising=False)
     names: dict[str, object] = {}
     printed, checked = None, 0
     for language, code in FENCED.findall(text):
