@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.utils.env_checker import check_env
+from stable_baselines import stand_in
 
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import MissingPackageError, OptionError
@@ -185,41 +186,11 @@ def test_a_simple_learner_improves() -> None:
     assert best[0] < 0 < min(best[1:])  # it pulls the guy along x, and pays out the others
 
 
-class StandIn:
-    """What Stable-Baselines3's VecEnv does when it is made and seeded."""
-
-    def __init__(self, num_envs: int, observation_space: Any, action_space: Any) -> None:
-        self.num_envs, self.observation_space, self.action_space = num_envs, observation_space, action_space
-        self.render_mode = self.get_attr("render_mode")[0]
-        self._reset_seeds()
-
-    def _reset_seeds(self) -> None:
-        self._seeds: list[Any] = [None] * self.num_envs
-
-    def _reset_options(self) -> None:
-        pass
-
-    def _get_indices(self, indices: Any) -> Any:
-        return range(self.num_envs) if indices is None else [indices] if isinstance(indices, int) else indices
-
-    def seed(self, seed: int) -> None:
-        self._seeds = [seed + number for number in range(self.num_envs)]
-
-    def get_attr(self, name: str, indices: Any = None) -> list[Any]:
-        raise NotImplementedError
-
-
 @pytest.fixture
-def adapter(monkeypatch: pytest.MonkeyPatch) -> Any:
+def adapter(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The adapter, to a library that may be missing."""
-    for name in ("stable_baselines3", "stable_baselines3.common", "stable_baselines3.common.vec_env"):
-        monkeypatch.setitem(sys.modules, name, ModuleType(name))
-    monkeypatch.setattr(sys.modules["stable_baselines3.common.vec_env"], "VecEnv", StandIn, raising=False)
-    monkeypatch.delitem(sys.modules, "tensegrity_mj.gymnasium.stable_baselines", raising=False)
-    from tensegrity_mj.gymnasium.stable_baselines import StableBaselinesVecEnv
-
-    yield StableBaselinesVecEnv
-    sys.modules.pop("tensegrity_mj.gymnasium.stable_baselines", None)
+    with stand_in(monkeypatch) as found:
+        yield found
 
 
 def test_stable_baselines_gets_what_gymnasium_has(adapter: Any) -> None:

@@ -18,6 +18,9 @@ ELSEWHERE = {
     "docs/format/scene.md": "tests/model/test_textformat.py",
     "docs/own-law.md": "tests/house/test_recipes.py",
     "docs/tutorial.md": "tests/house/test_tutorial.py",
+    "docs/tutorials/controller.md": "tests/house/test_tutorial.py",
+    "docs/tutorials/footbridge.md": "tests/house/test_tutorial.py",
+    "docs/tutorials/robot.md": "tests/house/test_tutorial.py",
 }
 SLOW = {"docs/clearance.md", "docs/studies.md", "docs/waves.md"}  # more than a few seconds
 RUN_HERE = [
