@@ -16,7 +16,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import cont2discrete
 
 import tensegrity_mj as tmj
-from tensegrity_mj.studies.tasks import State, Task, World, gait, task_of
+from tensegrity_mj.learning.tasks import State, Task, World, gait, task_of
 
 SEEDS = range(1000, 1020)  # none that anything has learned with
 Player = Callable[[State, int], np.ndarray]  # the robots (n), the number of the period -> actions (n, M)

@@ -86,7 +86,7 @@ def main() -> None:
 
         require_display()
 
-    from tensegrity_mj.dm_control import environment
+    from tensegrity_mj.learning.dm_control import environment
 
     scene, action = tmj.load_scene(options.scene), ACTIONS[options.action]
     env = environment(scene, action, control_timestep=0.01, timestep=2e-3, time_limit=options.duration)

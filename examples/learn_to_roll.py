@@ -23,8 +23,8 @@ import numpy as np
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.learning.tasks import Task, task_of
 from tensegrity_mj.model.rods import centre_of_mass
-from tensegrity_mj.studies.tasks import Task, task_of
 
 HERE = Path("build/roll")
 SEEN = ("shape", "velocities")
@@ -73,7 +73,7 @@ def learn(out: Path, periods: int, seed: int) -> None:
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecNormalize
 
-    from tensegrity_mj.gymnasium import StableBaselinesVecEnv, TensegrityVectorEnv
+    from tensegrity_mj.learning.gymnasium import StableBaselinesVecEnv, TensegrityVectorEnv
 
     class Held(VectorWrapper):  # type: ignore[type-arg]
         """Robots whose actions are held."""

@@ -103,7 +103,7 @@ install_package() { # python run|docs|dev
     if [ "$kind" != run ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
 }
 
-# Requirements of tensegrity_mj.dm_control that are not met, one a line.
+# Requirements of tensegrity_mj.learning.dm_control that are not met, one a line.
 missing_for_dm_control() {
     "$venv/bin/python" -c 'from tensegrity_mj.basics.dependencies import missing_for_dm_control as missing
 print(*missing(), sep="\n", end="")'
@@ -130,7 +130,7 @@ see_to_dm_control() { # python
         if install_dm_control "$python" "${missing[@]}"; then mapfile -t missing < <(missing_for_dm_control); fi
     fi
     if [ "${#missing[@]}" -gt 0 ]; then
-        say "No tensegrity_mj.dm_control, since these could not be installed: ${missing[*]}. Everything else runs." \
+        say "No tensegrity_mj.learning.dm_control, since these could not be installed: ${missing[*]}. Everything else runs." \
             "To try again: $venv/bin/tensegrity-mj doctor names the commands."
     fi
 }

@@ -33,7 +33,7 @@ from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.studies import ensemble
+from tensegrity_mj.simulation import ensemble
 from tensegrity_mj.vibration import stable_step as stable_steps
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from tensegrity_mj.errors import MissingLibraryError, OptionError, TensegrityErr
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.simulation import simulate, versions
-from tensegrity_mj.studies.ensemble import law_in, simulate_many
+from tensegrity_mj.simulation.ensemble import law_in, simulate_many
 
 INTEGRATORS = (Integrator.RK4, Integrator.EULER)
 CONTROL_PERIOD = 0.01  # s, of laws that cost more than a step

@@ -24,6 +24,7 @@ from evidence.thesis.ledger import Verdict
 from evidence.thesis.lookup import measured
 from evidence.thesis.reproduction import reproduce
 from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.beam_in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from tensegrity_mj.library.cross import cross
@@ -31,7 +32,6 @@ from tensegrity_mj.library.tower import tower, tower_length
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.model.elements.waves import Wave
-from tensegrity_mj.simulation import request_for
 from tensegrity_mj.statics import find_equilibrium
 from tensegrity_mj.statics.modes import mass_matrix
 

@@ -29,7 +29,7 @@ CODE = (
     "dynamics/**/*.py",
     "engines/**/*.py",
     "library/*.py",
-    "simulation.py",
+    "simulation/*.py",
 )
 
 

@@ -1,8 +1,8 @@
 """What parts of the package need beside the rest, and what of it is not installed.
 
-Most of it is of `tensegrity_mj.dm_control`. Below Python 3.13 pip installs dm-control with this package. From 3.13 on
-it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but `dm_control.locomotion` imports.
-There dm-control is installed without its dependencies, and the others of them, the extra `dm-control-needs` of
+Most of it is of `tensegrity_mj.learning.dm_control`. Below Python 3.13 pip installs dm-control with this package. From
+3.13 on it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but `dm_control.locomotion`
+imports. There dm-control is installed without its dependencies, and the others of them, the extra `dm-control-needs` of
 pyproject.toml, beside it.
 """
 
@@ -104,7 +104,7 @@ def requirements_of_dm_control() -> list[Requirement]:
 
 
 def missing_for_dm_control() -> list[str]:
-    """Requirements such as "dm-env" that no installed package meets; none where `tensegrity_mj.dm_control` works."""
+    """Requirements of `tensegrity_mj.learning.dm_control`, such as "dm-env", that no installed package meets."""
     return [f"{item.name}{item.specifier}" for item in requirements_of_dm_control() if unmet(item)]
 
 
@@ -119,7 +119,7 @@ def how_to_install(missing: list[str], python: tuple[int, int] = sys.version_inf
 
 
 def require_dm_control() -> None:
-    """Check that `tensegrity_mj.dm_control` can work.
+    """Check that `tensegrity_mj.learning.dm_control` can work.
 
     Raises:
         MissingPackageError: naming the packages that are not installed, and the commands that install them.
@@ -128,7 +128,7 @@ def require_dm_control() -> None:
     if not missing:
         return
     raise MissingPackageError(
-        f"tensegrity_mj.dm_control needs packages that are not installed: {', '.join(missing)}; install them: "
+        f"tensegrity_mj.learning.dm_control needs packages that are not installed: {', '.join(missing)}; install them: "
         f"{how_to_install(missing)} (all else of tensegrity_mj works without them; docs/dm_control.md has the reason)"
     )
 

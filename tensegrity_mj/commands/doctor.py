@@ -124,7 +124,7 @@ def check_extras() -> list[Check]:
 
 
 def check_dm_control() -> Check:
-    """Whether `tensegrity_mj.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
+    """Whether `tensegrity_mj.learning.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
     missing = dependencies.missing_for_dm_control()
     if not missing:
         return probed("dm_control")

@@ -7,6 +7,9 @@ from tensegrity_mj.basics.faces import face
 if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.needs import Requirements as Requirements
     from tensegrity_mj.engines.mujoco.needs import requirements as requirements
+    from tensegrity_mj.simulation.ensemble import Ensemble as Ensemble
+    from tensegrity_mj.simulation.ensemble import law_in as law_in
+    from tensegrity_mj.simulation.ensemble import simulate_many as simulate_many
     from tensegrity_mj.studies.attempt import WithFiles as WithFiles
     from tensegrity_mj.studies.axes import Choice as Choice
     from tensegrity_mj.studies.axes import Draw as Draw
@@ -15,9 +18,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.axes import Together as Together
     from tensegrity_mj.studies.axes import Uniform as Uniform
     from tensegrity_mj.studies.axes import Vary as Vary
-    from tensegrity_mj.studies.ensemble import Ensemble as Ensemble
-    from tensegrity_mj.studies.ensemble import law_in as law_in
-    from tensegrity_mj.studies.ensemble import simulate_many as simulate_many
     from tensegrity_mj.studies.identification.fitting import FitOptions as FitOptions
     from tensegrity_mj.studies.identification.measurements import measured as measured
     from tensegrity_mj.studies.identification.result import Identification as Identification

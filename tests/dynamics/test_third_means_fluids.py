@@ -20,8 +20,8 @@ import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.simulation import request_for
 
 G, RHO, L, R = 9.81, 1025.0, 1.22, 0.05
 D = 2 * R

@@ -15,11 +15,11 @@ from scipy.integrate import solve_ivp
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.needs import requirements
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.text.reading import scene_from_toml
-from tensegrity_mj.simulation import request_for
 
 Array = NDArray[np.float64]
 G = 9.81

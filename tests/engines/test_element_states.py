@@ -285,7 +285,7 @@ def test_what_has_no_states_refuses_them() -> None:
 
 
 def test_dm_control_refuses_states() -> None:
-    dm_control = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
+    dm_control = pytest.importorskip("tensegrity_mj.learning.dm_control", exc_type=tmj.errors.MissingPackageError)
     with pytest.raises(tmj.errors.SceneError, match=r"dm_control models: Maxwell has a state .*; use simulate"):
         dm_control.TensegrityEntity(jumper())
 

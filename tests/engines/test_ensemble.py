@@ -357,7 +357,7 @@ def test_a_law_that_steps_what_it_controls_is_stopped(prism) -> None:
 def test_userdata_that_is_not_ours_is_no_address(prism, law) -> None:
     """With the callback of many runs in, data of the same model without our token are left alone."""
     from tensegrity_mj.engines.mujoco.ensemble import TOKEN, MuJoCoEnsemble
-    from tensegrity_mj.simulation import request_for
+    from tensegrity_mj.engines.request import request_for
 
     request = request_for(prism, law, 0.1, None, tmj.OnInfeasible.STOP, None, False)
     ensemble = MuJoCoEnsemble(RK4, [request], 1)

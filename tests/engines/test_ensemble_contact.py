@@ -17,8 +17,8 @@ from tensegrity_mj.engines import driving
 from tensegrity_mj.engines.mujoco import many
 from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
 from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.model.actuation import OnInfeasible
-from tensegrity_mj.simulation import request_for
 
 STEP = 5e-4
 RK4 = tmj.MuJoCo(STEP)

@@ -31,11 +31,11 @@ from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
 from tensegrity_mj.engines.mujoco.prepared import prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.simulation import request_for
 
 Array = NDArray[np.float64]
 EPS = np.finfo(float).eps

@@ -22,6 +22,7 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE
 from tensegrity_mj.engines.mujoco.mjcf_tree import moved_directions
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.events import Load
@@ -29,7 +30,6 @@ from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.motion import Harmonic, Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.simulation import request_for
 
 Array = NDArray[np.float64]
 EPS = np.finfo(float).eps

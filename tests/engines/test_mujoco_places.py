@@ -196,10 +196,10 @@ def test_a_law_in_a_batch_and_in_a_model_sees_the_nodes(size: float) -> None:
 @pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0])
 def test_dm_control_sees_the_nodes(size: float) -> None:
     """A Physics, an Environment, and an entity in an arena, whose frame is where the scene's world is."""
-    pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError).repair()
+    pytest.importorskip("tensegrity_mj.learning.dm_control", exc_type=tmj.errors.MissingPackageError).repair()
     from dm_control import mjcf
 
-    from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, environment, physics
+    from tensegrity_mj.learning.dm_control import TensegrityEntity, adopt_options, environment, physics
 
     scene = scaled(near_frames(), size)
     within = {"rtol": 0, "atol": 1e-12 * 3 * size}

@@ -17,10 +17,10 @@ from dense_equations import dae
 
 from tensegrity_mj.engines.reference import equations as kernels
 from tensegrity_mj.engines.reference.dae import Solver
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import cable
 from tensegrity_mj.model.actuation import OnInfeasible
-from tensegrity_mj.simulation import request_for
 
 COUNTS = (200, 500, 1000, 2000, 5000)
 LEAST_TIME = 0.02  # s, of one measurement

@@ -65,13 +65,13 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     monkeypatch.setattr(sys.modules["stable_baselines3"], "PPO", PPO, raising=False)
     monkeypatch.setattr(sys.modules["stable_baselines3.common.vec_env"], "VecEnv", StandIn, raising=False)
-    monkeypatch.delitem(sys.modules, "tensegrity_mj.gymnasium.stable_baselines", raising=False)
-    from tensegrity_mj.gymnasium.stable_baselines import StableBaselinesVecEnv
+    monkeypatch.delitem(sys.modules, "tensegrity_mj.learning.gymnasium.stable_baselines", raising=False)
+    from tensegrity_mj.learning.gymnasium.stable_baselines import StableBaselinesVecEnv
 
     try:
         yield StableBaselinesVecEnv
     finally:
-        import tensegrity_mj.gymnasium as room
+        import tensegrity_mj.learning.gymnasium as room
 
-        sys.modules.pop("tensegrity_mj.gymnasium.stable_baselines", None)
+        sys.modules.pop("tensegrity_mj.learning.gymnasium.stable_baselines", None)
         vars(room).pop("StableBaselinesVecEnv", None)

@@ -14,7 +14,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import calls, simulation
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.linearization import linearizing
-from tensegrity_mj.studies import ensemble
+from tensegrity_mj.simulation import ensemble
 from tensegrity_mj.studies.identification import result
 from tensegrity_mj.vibration import stable_step
 

@@ -66,7 +66,7 @@ WITHOUT_LABMAZE = """
 import sys
 sys.modules["labmaze"] = None
 import tensegrity_mj as tmj
-from tensegrity_mj.dm_control import TensegrityEntity, TensegrityTask, environment
+from tensegrity_mj.learning.dm_control import TensegrityEntity, TensegrityTask, environment
 from dm_control import composer, mjcf
 env = environment(tmj.load_scene("pinned_rod"), time_limit=0.01)
 env.reset()
@@ -113,7 +113,7 @@ metadata.Distribution.from_name = from_name
 def test_the_import_without_dm_control_says_what_to_install() -> None:
     code = f"""{ABSENT}
 try:
-    import tensegrity_mj.dm_control
+    import tensegrity_mj.learning.dm_control
 except ImportError as error:
     from tensegrity_mj.errors import MissingLibraryError
     assert isinstance(error, MissingLibraryError)
@@ -121,7 +121,7 @@ except ImportError as error:
 """
     run = child(code)
     assert run.returncode == 0, run.stderr
-    assert "tensegrity_mj.dm_control needs packages that are not installed: dm-env" in run.stdout
+    assert "tensegrity_mj.learning.dm_control needs packages that are not installed: dm-env" in run.stdout
     assert "dm-control>=1.0.50" in run.stdout
     assert "python -m pip install " in run.stdout
     assert "all else of tensegrity_mj works without them" in run.stdout
@@ -134,7 +134,7 @@ import importlib, pkgutil
 import tensegrity_mj as tmj
 seen = 0
 for module in pkgutil.walk_packages(tmj.__path__, "tensegrity_mj.", onerror=lambda name: None):
-    of_others = module.name.startswith("tensegrity_mj.dm_control") or module.name.endswith("stable_baselines")
+    of_others = module.name.startswith("tensegrity_mj.learning.dm_control") or module.name.endswith("stable_baselines")
     if not of_others and not module.name.endswith("__main__"):
         importlib.import_module(module.name)
         seen += 1
@@ -181,7 +181,7 @@ def test_the_doctor_reports_dm_control_apart_and_without_failing(monkeypatch: py
     assert not check.works
     assert not check.required  # everything but the adapter works
     assert check.found == "not installed: dm-env, dm-control>=1.0.50"
-    assert "tensegrity_mj.dm_control" in check.needed_for
+    assert "tensegrity_mj.learning.dm_control" in check.needed_for
     assert "pip install" in check.remedy
     monkeypatch.setattr(dependencies, "missing_for_dm_control", list)
     monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))

@@ -13,7 +13,7 @@ from pages import NOTEBOOKS, PAGES, ROOT, blocks, cells, name_of
 
 # Pages whose blocks another test runs.
 ELSEWHERE = {
-    "docs/dm_control.md": "tests/dm_control/test_dm_control_viewer.py",
+    "docs/dm_control.md": "tests/learning/test_dm_control_viewer.py",
     "docs/format/running.md": "tests/model/test_textformat.py",
     "docs/format/scene.md": "tests/model/test_textformat.py",
     "docs/own-law.md": "tests/house/test_recipes.py",

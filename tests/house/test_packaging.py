@@ -166,7 +166,7 @@ def test_without_dm_control_the_set_up_goes_on_and_says_so(tmp_path: Path) -> No
     for _ in range(2):  # the second tries nothing, so that it needs no network
         run = in_setup(DM_CONTROL, tmp_path, FAILS="yes")
         assert run.returncode == 0
-        assert "No tensegrity_mj.dm_control" in run.stderr
+        assert "No tensegrity_mj.learning.dm_control" in run.stderr
         assert "dm-env dm-control>=1.0.50" in run.stderr
         assert "tensegrity-mj doctor" in run.stderr
         assert len((tmp_path / "calls").read_text().splitlines()) == 1

@@ -19,12 +19,12 @@ from tensegrity_mj import model, statics, studies
 from tensegrity_mj.basics.dependencies import missing_for_dm_control
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.errors import MissingLibraryError, TensegrityError
+from tensegrity_mj.learning import tasks
 from tensegrity_mj.model import text as model_text
-from tensegrity_mj.studies import tasks
 
 ROOMS = (
     "|controllers|engines|exchange|library|linearization|model|pictures|runs|statics|studies|studies.tradeoff|"
-    "studies.tasks|gymnasium|dm_control"
+    "simulation|learning.tasks|learning.gymnasium|learning.dm_control"
 ).split("|")
 NAN, INF = math.nan, math.inf
 WRONG: list[Any] = [

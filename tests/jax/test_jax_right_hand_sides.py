@@ -18,12 +18,12 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError, SceneError, StructureError
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.rods import lumped_masses
-from tensegrity_mj.simulation import request_for
 
 pytest.importorskip("jax")
 pytest.importorskip("diffrax")

@@ -18,11 +18,11 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.mujoco import engine as mujoco_engine
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import place as mujoco_accelerations_place
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of, water_forces, wet_parts, wetness
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.simulation import request_for
 
 G, RHO = 9.81, 1025.0
 DOWN = (0.0, 0.0, -G)

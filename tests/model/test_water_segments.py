@@ -17,13 +17,13 @@ import tensegrity_mj as tmj
 from tensegrity_mj.commands.run import describe as describe_run
 from tensegrity_mj.commands.run import summary
 from tensegrity_mj.commands.scenes import describe
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.library.beam_in_waves import beam_in_waves
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import water_forces
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.simulation import request_for
 
 G, RHO, RADIUS = 9.81, 1025.0, 0.15
 DISPLACED = RHO * np.pi * RADIUS**2  # kg/m

@@ -76,7 +76,9 @@ def test_an_episode_is_the_engines_run(scene: tmj.Scene) -> None:
 
     Only round-off differs, some 1e-16 m a step, which a landing amplifies by less than a hundredfold in 0.15 s.
     """
-    environment = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError).environment
+    environment = pytest.importorskip(
+        "tensegrity_mj.learning.dm_control", exc_type=tmj.errors.MissingPackageError
+    ).environment
     for command, held in (
         (tmj.Command.REST_LENGTH, tmj.Actuation.hold_rest_length(1e-2)),
         (tmj.Command.FORCE_DENSITY, tmj.Actuation.hold_force_density(1e-2)),
@@ -109,8 +111,8 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     """Of starts within half a metre a good part of those 0.3 m above the floor would be inside it."""
     contact = scene.contact
     assert contact is not None
-    dm_control = pytest.importorskip("tensegrity_mj.dm_control", exc_type=tmj.errors.MissingPackageError)
-    from tensegrity_mj.studies.tasks import starts as drawing
+    dm_control = pytest.importorskip("tensegrity_mj.learning.dm_control", exc_type=tmj.errors.MissingPackageError)
+    from tensegrity_mj.learning.tasks import starts as drawing
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
         start = dm_control.RandomStart(displacement, 1.0, 3)

@@ -1,0 +1,269 @@
+"""A task played by many robots at once, each in an episode of its own: start, observe, act, reward, end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known, checked, sequence_of
+from tensegrity_mj.basics.kinds import whole
+from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import engine_settings
+from tensegrity_mj.errors import ControllerError, OptionError
+from tensegrity_mj.learning.tasks.definition import LONGEST, State, Task
+from tensegrity_mj.learning.tasks.fleet import Fleet
+from tensegrity_mj.learning.tasks.robots import task_of
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.axes import Draw
+from tensegrity_mj.studies.parameter_values import decoded, number_from
+from tensegrity_mj.studies.parameters import Draft
+from tensegrity_mj.studies.scene_parameters import single_draws
+
+ACTIONS = ("length", "speed")
+MOST_ROBOTS = 100_000  # each has some 50 kB in MuJoCo
+LARGEST = 1e6  # of what is observed, in its unit: no robot that has not diverged comes near it
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a control period, a row for each robot that made it.
+
+    Attributes:
+        observation: (n, size) float32.
+        reward: (n,), the sum of the terms.
+        terms: (n,) each.
+        diverged: (n,) whether the simulation was lost; the reward is 0 then, and the episode over.
+        truncated: (n,) whether the episode has all its control periods.
+    """
+
+    observation: Array
+    reward: Array
+    terms: Mapping[str, Array]
+    diverged: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+class World:
+    """Robots that play a task, each as often as it likes.
+
+    Args:
+        task: a Task, or the name of one.
+        count: of robots.
+        action: "length": an action is a rest length between `low` (-1) and `high` (1) of the task; "speed": the speed
+            of a winch, between as fast in (-1) and as fast out (1) as it can.
+        parameters, draws: see `Variations`; the draws are made anew for each episode.
+        threads: 0 for as many as there are cores. The results do not depend on it.
+        max_episode_steps: control periods of an episode; the task's by default, -1 for no end.
+
+    Attributes:
+        slices: where each part of an observation stands, by its name.
+        steps: (n,) control periods since each robot started.
+        drawn: names of what is drawn for each episode. Where it is empty, all seeds give the same episode.
+
+    Raises:
+        OptionError: for options that are out of range, and scenes that MuJoCo cannot step many of.
+    """
+
+    def __init__(
+        self,
+        task: str | Task,
+        count: int = 1,
+        *,
+        action: str = "length",
+        parameters: Mapping[str, Any] | None = None,
+        draws: Sequence[Draw] = (),
+        threads: int = 0,
+        max_episode_steps: int | None = None,
+    ) -> None:
+        self.task = task = task_of(task)
+        if task.action is not Command.REST_LENGTH:
+            raise OptionError(
+                f"task: action = {task.action}; here winches are commanded by Command.REST_LENGTH, and force densities "
+                "by dm_control's `environment`"
+            )
+        check_known("action", action, ACTIONS, "kind of action")
+        most = task.steps if max_episode_steps is None else max_episode_steps
+        endless = isinstance(most, int) and most == -1
+        self._most: int = LONGEST if endless else checked("max_episode_steps", most, whole(1, LONGEST))
+        self.count: int = checked("number of robots", count, whole(1, MOST_ROBOTS))
+        self.variations = Variations(task, parameters, draws)
+        start, goal = task.start, task.goal
+        found = {"start": start and (start.displacement or start.speed), "goal": goal and any(goal.reach)}
+        self.drawn = [name for name, drawn in found.items() if drawn] + [one.parameter for one in self.variations.draws]
+        scene, engine = self.variations.base.scene, self.variations.engine
+        require(engine, scene, "simulate_many")
+        speed = scene.structure.limits("winch_speed")
+        if action == "speed" and not np.all(np.isfinite(speed)):
+            name = scene.structure.strings[int(np.argmax(np.isinf(speed)))].name
+            raise OptionError(f"action = 'speed': the winch of string '{name}' has no winch_speed; give it one")
+        self._stroke = speed * task.period if action == "speed" else None
+        self.fleet = Fleet(scene, engine, task.period, self.count, checked("threads", threads, whole(0, 1024)))
+        M, N = len(scene.structure.strings), len(scene.structure.nodes)
+        self.steps = np.zeros(self.count, np.int64)
+        self._noise, self._delay = np.zeros((self.count, 2)), np.zeros(self.count, np.int64)
+        self._queue = np.zeros((self.count, 1, M))  # what was commanded, the latest first
+        self._generators: list[Any] = [None] * self.count
+        zeros = np.zeros((self.count, M))
+        nodes = np.zeros((self.count, N, 3))
+        self._states = State(np.zeros(self.count), nodes, nodes, zeros, zeros, zeros, nodes, np.zeros((self.count, 3)))
+        self._states = State(**{name: np.array(part) for name, part in vars(self._states).items()})
+        parts = task.observe(replace(self._states, nodes=np.array([scene.nodes0] * self.count)))
+        ends = np.cumsum([part[0].size for part in parts.values()])
+        self.slices = {
+            name: slice(int(end) - part[0].size, int(end))
+            for (name, part), end in zip(parts.items(), ends, strict=True)
+        }
+        self.size = int(ends[-1])
+
+    def start(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
+        """Let these robots start anew, with what their generators draw; their observations (n, size).
+
+        Raises:
+            OptionError, StructureError, SceneError: where a draw makes no scene, or no start is found.
+        """
+        goals = []
+        for number, generator in zip(ids.tolist(), generators, strict=True):
+            self._generators[number] = generator
+            varied = self.variations.draw(generator)
+            self.fleet.start(number, varied.scene, self.task.start, generator)
+            goals.append(self.task.draw_goal(generator))
+            self._delay[number] = varied.delay
+            self._noise[number] = varied.position_noise, varied.velocity_noise
+        if len(ids):
+            more = max(0, int(self._delay.max()) + 1 - self._queue.shape[1])
+            self._queue = np.pad(self._queue, ((0, 0), (0, more), (0, 0)))
+            self._queue[ids] = self.fleet.commands[ids, None]
+            self.steps[ids] = 0
+            seen = self.fleet.look(ids, fresh=True)
+            self._keep(ids, State(np.zeros(len(ids)), **seen, accelerations=0 * seen["nodes"], goal=np.array(goals)))
+        return self._observed(ids)
+
+    def step(self, ids: Ids, actions: Array) -> Outcome:
+        """A control period of these robots under actions (n, M) in [-1, 1]; what is beyond is taken for the limit.
+
+        Raises:
+            ControllerError: for actions of another shape, or that are not finite.
+            OptionError: for a reward that is none.
+        """
+        task, before = self.task, self._of(ids)
+        names = [string.name for string in task.scene.structure.strings]
+        if actions.shape != (len(ids), len(names)) or not np.isfinite(actions).all():
+            raise ControllerError(
+                f"action = {actions}; it must be {len(names)} finite numbers, one for each of the strings "
+                f"{', '.join(names)}"
+            )
+        if self._stroke is None:
+            wanted = task.commanded(actions)
+        else:
+            wanted = np.clip(self._queue[ids, 0] + np.clip(actions, -1, 1) * self._stroke, task.low, task.high)
+        self._queue[ids] = np.concatenate([wanted[:, None], self._queue[ids, :-1]], axis=1)
+        self.fleet.commands[ids] = self._queue[ids, self._delay[ids]]
+        diverged = self.fleet.advance(ids)
+        self.steps[ids] += 1
+        seen = self.fleet.look(ids)
+        with np.errstate(over="ignore", invalid="ignore"):  # of those that diverged
+            means = (seen["velocities"] - before.velocities) / task.period
+            after = State(self.steps[ids] * task.period, **seen, accelerations=means, goal=before.goal)
+            terms = task.scored(before, after, diverged)
+            self._keep(ids, after)
+            reward = sum(terms.values(), np.zeros(len(ids)))
+            return Outcome(self._observed(ids), reward, terms, diverged, self.steps[ids] >= self._most)
+
+    def state(self, ids: Ids | None = None) -> State:
+        """What the robots are now, without noise."""
+        return self._of(np.arange(self.count) if ids is None else ids)
+
+    def _of(self, ids: Ids) -> State:
+        return State(**{name: part[ids] for name, part in vars(self._states).items()})
+
+    def _keep(self, ids: Ids, state: State) -> None:
+        for name, part in vars(state).items():
+            getattr(self._states, name)[ids] = part
+
+    def _observed(self, ids: Ids) -> Array:
+        state = self._of(ids)
+        if self._noise[ids].any():
+            moving = self.task.moving
+            for row, number in enumerate(ids):
+                drawn = self._generators[number].standard_normal((2, len(moving), 3))
+                state.nodes[row, moving] += self._noise[number, 0] * drawn[0]
+                state.velocities[row, moving] += self._noise[number, 1] * drawn[1]
+        parts = [part.reshape(len(ids), math.prod(part.shape[1:])) for part in self.task.observe(state).values()]
+        return np.clip(np.nan_to_num(np.concatenate(parts, axis=1)), -LARGEST, LARGEST).astype(np.float32)
+
+
+# What else may vary, by its field: control periods until a command is taken up, and standard deviations of measured
+# nodes and their velocities [m], [m/s], as of `controllers.Delayed` and `Noisy`.
+LOOP = {"delay": "delay", "noise.position": "position_noise", "noise.velocity": "velocity_noise"}
+
+SETTINGS = kinds.mapping(kinds.text(), kinds.Kind(lambda one: one), "a mapping of paths to values", "parameter")
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One episode's scene and loop (see LOOP)."""
+
+    scene: Scene
+    delay: int = 0
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+
+
+class Variations:
+    """Parameters that are fixed, and those that are drawn anew for each episode.
+
+    Args:
+        task: to begin with.
+        parameters: path -> value: structure..., scene... and engine... as in a sweep, and those of LOOP.
+        draws: of the same, but for the engine's.
+
+    Raises:
+        OptionError: for paths that name nothing here, values that they cannot have, and parameters given twice.
+    """
+
+    def __init__(self, task: Task, parameters: Mapping[str, Any] | None, draws: Sequence[Draw]) -> None:
+        scene, settings = task.scene, checked("parameters", {} if parameters is None else parameters, SETTINGS)
+        draws = sequence_of("draws", draws)
+        for draw in draws:
+            if not isinstance(draw, Draw):
+                raise OptionError(f"draws holds {draw!r}; use Draw(parameter, distribution)")
+        self.draws = single_draws(scene, draws)
+        given = [*settings, *(draw.parameter for draw in self.draws)]
+        for number, path in enumerate(given):
+            roots = ("structure", "scene", "engine")[: 3 if number < len(settings) else 2]
+            if path not in LOOP and str(path).partition(".")[0] not in roots:
+                known = (*(f"{root}...." for root in roots), *LOOP)
+                raise OptionError(f"parameter {path!r}: {unknown(str(path), known, 'parameter of an environment')}")
+            if given.count(path) > 1:
+                raise OptionError(f"{path}: it is given twice; give each parameter once")
+        of_engine = {path: settings.pop(path) for path in list(settings) if path.startswith("engine")}
+        name, options = engine_settings(task.engine)
+        self.engine: Any = Draft(scene, engine=name, engine_options=options).apply(of_engine).make_engine()
+        self.base = Variation(scene)
+        self.base = self._made(settings)
+
+    def draw(self, generator: np.random.Generator) -> Variation:
+        """What the next episode is made of."""
+        if not self.draws:
+            return self.base
+        return self._made({draw.parameter: draw.sample(generator) for draw in self.draws})
+
+    def _made(self, settings: Mapping[str, Any]) -> Variation:
+        varied, of_scene = self.base, dict(settings)
+        for path in LOOP.keys() & settings.keys():
+            value = number_from(path, decoded(of_scene.pop(path)), getattr(varied, LOOP[path]))
+            if value < 0 or (path == "delay" and value != round(value)):
+                need = "a whole number of control periods >= 0" if path == "delay" else "a number >= 0"
+                raise OptionError(f"{path} = {value:g}; it must be {need}")
+            varied = replace(varied, **{LOOP[path]: type(getattr(varied, LOOP[path]))(value)})
+        return replace(varied, scene=Draft(varied.scene).apply(of_scene).scene) if of_scene else varied
