@@ -24,7 +24,7 @@ from tensegrity_mj.model import text as model_text
 
 ROOMS = (
     "|controllers|engines|exchange|library|linearization|model|pictures|runs|statics|studies|studies.tradeoff|"
-    "simulation|learning.tasks|learning.gymnasium|learning.dm_control"
+    "learning.tasks|learning.gymnasium|learning.dm_control"
 ).split("|")
 NAN, INF = math.nan, math.inf
 WRONG: list[Any] = [
