@@ -41,7 +41,7 @@ TWICE = tuple(2 * height for height in HEIGHTS)
 G, RHO, ADDED, INERTIA, SEGMENTS = 9.81, 1025.0, 0.7, 1.6, 2
 DEPTH, WAVELENGTH, CHI, PHASE = 2.0, 6.0, 1.2, 0.4
 ALL_ENDS = list(BeamEnd)
-DOC = Path(__file__).resolve().parents[2] / "evidence" / "docs" / "reproduction.md"
+DOC = Path(__file__).resolve().parents[1] / "docs" / "reproduction.md"
 
 
 @cache

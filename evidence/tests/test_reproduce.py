@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from command_words import choices_of
 from ledger_lines import lines_of
 
 import tensegrity_mj as tmj
+from evidence.pages import reproduction
 from evidence.thesis import ledger, measures, runs
 from evidence.thesis.catalog import FIGURES, STATEMENTS, selected
 from evidence.thesis.disturbance import Disturbance, Quantity
@@ -421,19 +421,19 @@ def test_a_run_that_cannot_be_made_is_data(tmp_path: Path, monkeypatch: pytest.M
 # -------------------------------------------------------------------------------------------------------- the doc
 
 
-def test_the_doc_has_every_row_as_it_is_in_the_code(script: Callable[[str], ModuleType]) -> None:
+def test_the_doc_has_every_row_as_it_is_in_the_code() -> None:
     found = lines_of(DOC.read_text(encoding="utf-8"))
     assert list(found) == [one.id for one in STATEMENTS]
     for one in STATEMENTS:
         empty = ledger.Row(one, {EngineName.DAE: ledger.Cell(math.nan, Verdict.REPRODUCED)})
-        head = script("reproduction").markdown_row(empty).split(" | ")[:5]
+        head = reproduction.markdown_row(empty).split(" | ")[:5]
         assert found[one.id].split(" | ")[:5] == head, one.id
 
 
-def test_the_doc_agrees_with_a_fresh_computation(made: Reproduction, script: Callable[[str], ModuleType]) -> None:
+def test_the_doc_agrees_with_a_fresh_computation(made: Reproduction) -> None:
     found = lines_of(DOC.read_text(encoding="utf-8"))
     for one in made.rows:
-        assert found[one.statement.id] == script("reproduction").markdown_row(one)
+        assert found[one.statement.id] == reproduction.markdown_row(one)
 
 
 def test_the_doc_counts_its_rows_by_class() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-DOC = Path(__file__).resolve().parents[2] / "evidence" / "docs" / "reproduction.md"
+DOC = Path(__file__).resolve().parents[2] / "docs" / "reproduction.md"
 
 
 def lines_of(text: str) -> dict[str, str]:
