@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
 if TYPE_CHECKING:
-    from tensegrity_mj.pictures.findings import Judgement
+    from tensegrity_mj.pictures.findings import Finding, Judgement
     from tensegrity_mj.runs.trajectory import Status
 
 
@@ -52,7 +52,7 @@ class Outcome:
         code: the exit code.
         notes: a line each on stderr.
         judgement: added to both data and text; its page has the same.
-        warned: whether its findings were warnings on stderr, and only the verdict is left to say.
+        warned: whether its doubts were warnings on stderr, and the verdict and other findings are left to say.
     """
 
     data: dict[str, Any] = field(default_factory=dict)
@@ -72,8 +72,9 @@ class Outcome:
         """Everything, for people: the judgement first."""
         if self.judgement is None:
             return self.text
-        judged = self.judgement.verdict if self.warned else "\n".join(self.judgement.lines())
-        return "\n\n".join(filter(None, [judged, self.text]))
+        left = [one for one in self.judgement.findings if not (self.warned and is_doubt(one))]
+        judged = replace(self.judgement, findings=left).lines()
+        return "\n\n".join(filter(None, ["\n".join(judged), self.text]))
 
 
 def code_of_status(status: Status) -> ExitCode:
@@ -103,12 +104,17 @@ def warn(text: str) -> None:
     print(f"warning: {printable(text)}", file=sys.stderr)
 
 
+def is_doubt(finding: Finding) -> bool:
+    """Whether a finding speaks against a run, as its warnings do."""
+    return finding.mark is not None and finding.mark.value == "limited"
+
+
 def warn_of_findings(judgement: Judgement, simulated: bool) -> None:
-    """Print what speaks against runs as warnings; of runs simulated just now, what `simulate` has not warned of."""
+    """Print doubts about runs as warnings; of runs simulated just now, those that `simulate` has not warned of."""
     from tensegrity_mj.runs.judgement import is_of_the_step
 
     for finding in judgement.findings:
-        if not (simulated and is_of_the_step(finding.text)):
+        if is_doubt(finding) and not (simulated and is_of_the_step(finding.text)):
             warn(finding.text)
 
 

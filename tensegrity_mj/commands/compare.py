@@ -118,7 +118,7 @@ def describe(data: dict[str, Any]) -> str:
         ("first", data["first"]),
         ("second", data["second"]),
     ]
-    rows += [_difference(data, name) for name in WORDS]
+    rows += [_difference(data, name) for name in WORDS if data[name] is not None]
     rows += [
         (f"node error of the {name}, estimated", number(error, "m"))
         for name in ("first", "second")
@@ -129,15 +129,9 @@ def describe(data: dict[str, Any]) -> str:
 
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
-    """One of `WORDS` for people: how large, and since when beyond its tolerance."""
+    """One of `WORDS` for people."""
     words, unit = WORDS[name]
-    key = name.removeprefix("max_")
-    limit, when = data["tolerances"].get(key), data["first_exceeded"].get(key)
-    text = "-" if data[name] is None else quantity(data[name], unit, 4)
-    if limit is not None:
-        beyond = "within" if when is None else f"beyond, from {quantity(when, 's')} on,"
-        text = f"{text:<16} {beyond} {quantity(limit, unit)}"
-    return words, text
+    return words, quantity(data[name], unit, 4)
 
 
 def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comparison:
@@ -148,6 +142,9 @@ def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comp
 
 def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> Outcome:
     """Compare a run with a table of another program."""
+    from tensegrity_mj.pictures.findings import Judgement
+    from tensegrity_mj.pictures.page import within
+
     found = _compared(first, second, options)
     if plot:
         with for_paper(options.paper):
@@ -168,7 +165,7 @@ def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path
         rows.append(("  of it by interpolation, estimated", quantity(error, WORDS[name][1], 4)))
     rows += [(f"largest at {node}", quantity(error, "m", 4)) for node, error in found.by_node.items()]
     rows += [("written", str(plot))] if plot else []
-    return Outcome(data, table(rows))
+    return Outcome(data, table(rows), judgement=Judgement("", within(found)), warned=True)
 
 
 def _scored(options: argparse.Namespace) -> Outcome:

@@ -126,10 +126,23 @@ def write_report(
 
 
 def judgement_of_runs(runs: Sequence[Trajectory], comparison: Comparison | None = None) -> Judgement:
-    """What came out of runs in a sentence, and all that speaks against them."""
+    """What came out of runs in a sentence, the tolerances of their comparison, and all that speaks against them."""
     texts = [(run, text) for run in runs for text in doubts(run)]
     named = [f"{run.engine}: {text}" if len(runs) > 1 else text for run, text in texts]
-    return Judgement(verdict(runs, comparison), [Finding(Mark.LIMITED, text) for text in named])
+    found = [Finding(Mark.LIMITED, text) for text in named]
+    return Judgement(verdict(runs, comparison), [*found, *([] if comparison is None else within(comparison))])
+
+
+def within(comparison: Comparison) -> list[Finding]:
+    """The differences that have a tolerance: a verdict states that of the node error by the structure's size else."""
+    found = []
+    for name, when in comparison.first_exceeded.items():
+        words, _, unit = DIFFERENCES[name]
+        largest, most = (quantity(x, unit) for x in (getattr(comparison, f"max_{name}"), comparison.tolerance_of(name)))
+        beyond = "" if when is None else f", exceeded from {quantity(when, 's')} on"
+        text = f"the largest {words} is {largest} (allowed {most}{beyond})"
+        found.append(Finding(Mark.GOOD if when is None else Mark.BAD, text))
+    return found
 
 
 def write_sections(
@@ -224,16 +237,17 @@ def _law_words(law: Mapping[str, Any]) -> str:
 
 
 def _agreement(comparison: Comparison) -> str:
-    """Differences with their tolerances, and since when these are exceeded."""
-    rows: list[tuple[object, ...]] = []
-    for name, when in comparison.first_exceeded.items():
-        (words, _, unit), since = DIFFERENCES[name], "never" if when is None else quantity(when, "s")
-        largest = quantity(getattr(comparison, f"max_{name}"), unit, 4)
-        rows.append((f"largest {words}", largest, quantity(comparison.tolerance_of(name), unit), since))
-    rows.append(("RMS node error", quantity(comparison.rms_node_error, "m", 4), "", ""))
-    heads = ("quantity", "difference", "tolerance", "beyond it from")
+    """The differences; bounds are in the findings."""
+    rows = [
+        (f"largest {words}", quantity(getattr(comparison, f"max_{name}"), unit, 4))
+        for name, (words, _, unit) in DIFFERENCES.items()
+    ]
+    rows.append(("RMS node error", quantity(comparison.rms_node_error, "m", 4)))
     first, last = (quantity(float(comparison.time[k]), "s") for k in (0, -1))
-    return table_of(heads, rows) + f"<p>At {len(comparison.time)} common times from {first} to {last}.</p>"
+    return (
+        table_of(("quantity", "difference"), rows)
+        + f"<p>At {len(comparison.time)} common times from {first} to {last}.</p>"
+    )
 
 
 def _runs(runs: Sequence[Trajectory]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +21,6 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
 OF_TABLES = ("by_node", "resampling_error", "missing_nodes", "unknown_nodes", "times_outside")
-TOLERANCE = 1e-6  # in each unit
 
 
 def _largest(name: str) -> property:
@@ -44,7 +44,7 @@ class Comparison:
         energy_error: of the total energy [J].
         rms_node_error: root mean square over nodes and times [m].
         max_node_error, ...: the largest entry of each array.
-        tolerance: in the SI unit of each quantity, what `first_exceeded` refers to where no other is given.
+        tolerance: in the SI unit of each quantity, what `first_exceeded` refers to where no other is given; or NaN.
         tolerances: others, by units: {"N": 1e-3}.
         compared: those of `NAMES` that both have.
         by_node: the largest distance of each node that both have [m].
@@ -88,18 +88,20 @@ class Comparison:
         return at_a_glance(rows_of_comparison(self))
 
     def tolerance_of(self, name: str) -> float:
-        """That of one of `NAMES`, in its unit."""
+        """The tolerance of one of `NAMES`, in its unit; NaN where none was given."""
         return self.tolerances.get(DIFFERENCES[name].unit, self.tolerance)
 
     @property
     def first_exceeded(self) -> dict[str, float | None]:
-        """The first common time at which each difference exceeds the tolerance [s]; None if it never does.
+        """The first common time at which each difference with a tolerance exceeds it [s]; None if it never does.
 
         NaN exceeds any tolerance.
         """
         times: dict[str, float | None] = {}
         for name in self.compared:
-            over = ~(getattr(self, name) <= self.tolerance_of(name))
+            if math.isnan(most := self.tolerance_of(name)):
+                continue
+            over = ~(getattr(self, name) <= most)
             times[name] = float(self.time[np.argmax(over)]) if over.any() else None
         return times
 
@@ -121,7 +123,7 @@ class Comparison:
 def compare(
     first: Trajectory | Table,
     second: Trajectory | Table,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     *,
     tolerances: Mapping[str, float] | None = None,
 ) -> Comparison:
@@ -130,14 +132,14 @@ def compare(
     Of a table, such as `runs.read_table` reads, each time within the run counts, see `Comparison`.
 
     Args:
-        tolerance: in the SI unit of each quantity.
+        tolerance: in the SI unit of each quantity; none by default.
         tolerances: other ones by units, m, m/s, N, N/m or J: {"N": 1e-3}.
 
     Raises:
         OptionError: for what is no run or tolerance, where the structures differ, or where fewer than two times are
             common.
     """
-    limits = positive("tolerance", tolerance), dict(tolerances or {})
+    limits = math.nan if tolerance is None else positive("tolerance", tolerance), dict(tolerances or {})
     for unit, most in (tolerances or {}).items():
         if unit not in UNITS:
             raise OptionError(unknown(unit, UNITS, "unit of a tolerance"))

@@ -35,14 +35,15 @@ def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True)
         dampers_as_recorded: whether the dampers' forces that were recorded are those that acted. An integrator that is
             implicit in them applies others, so that the recorded dissipation may exceed what there was to dissipate.
     """
-    finite = np.ones(len(run.time), bool)
+    sane = np.ones(len(run.time), bool)
+    motion = BEYOND * max(1.0, float(np.abs(run.scene.nodes0).max(initial=0.0)))
     for name in variables_of(run.scene):
         if name not in LAW_REPORTS:  # NaN where the law has none
-            values = np.isfinite(getattr(run, name))
+            values = np.abs(getattr(run, name)) < (motion if name in ("nodes", "velocities") else np.inf)
             if not values.all():
-                finite &= values.all(axis=tuple(range(1, values.ndim)))
-    good = len(finite) if finite.all() else int(np.argmin(finite))
-    cause = "positions, velocities or forces are no longer finite"
+                sane &= values.all(axis=tuple(range(1, values.ndim)))
+    good = len(sane) if sane.all() else int(np.argmin(sane))
+    cause = f"positions or velocities are beyond {motion:g} m or m/s, or forces are no longer finite"
     for bad, reason in (_torn_rods(run.until(good)), _energy_from_nowhere(run.until(good), dampers_as_recorded)):
         if bad < good:
             good, cause = bad, reason

@@ -234,7 +234,8 @@ def _agreement(names: Sequence[str], runs: Sequence[Trajectory], comparison: Com
     error, span = comparison.max_node_error, quantity(float(comparison.time[-1] - comparison.time[0]), "s")
     if not math.isfinite(error):
         return f"{both} cannot be compared where positions are not finite"
-    allowed = CLOSE * size_of(first)
+    given = comparison.tolerance_of("node_error")
+    allowed = CLOSE * size_of(first) if math.isnan(given) else given
     if not sound:
         return f"{both} are {quantity(error, 'm', 2)} apart at most over {span}, which confirms neither"
     if error == 0.0 and first.engine == runs[1].engine:

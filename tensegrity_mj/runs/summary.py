@@ -63,8 +63,7 @@ def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
         for name, since in comparison.first_exceeded.items()
         if since is not None
     ]
-    rows.append(("beyond", ", ".join(beyond) or f"no tolerance ({comparison.tolerance:g} in SI units by default)"))
-    return rows
+    return rows + ([("beyond", ", ".join(beyond) or "no tolerance")] if comparison.first_exceeded else [])
 
 
 def html_of(run: Trajectory) -> str:

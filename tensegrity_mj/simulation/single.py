@@ -9,6 +9,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts
@@ -95,7 +96,7 @@ def simulate(
     law, actuation = request.law, request.actuation
     checked = warn_before_run(scene, engine, law, actuation)
     try:
-        with interrupts.deferred():
+        with interrupts.deferred(), np.errstate(over="ignore", invalid="ignore"):  # what diverges is an error by itself
             run = engine.run(request)
     except DivergenceError as error:
         if checked is not None and isinstance(error.trajectory, Trajectory):

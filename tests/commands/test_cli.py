@@ -30,6 +30,7 @@ from tensegrity_mj.commands.arguments import words_of
 from tensegrity_mj.commands.common import ExitCode, Outcome
 from tensegrity_mj.commands.doctor import Check
 from tensegrity_mj.commands.installed import installed
+from tensegrity_mj.pictures.page import write_report
 
 COMMANDS = {
     " ".join(filter(None, (name, inner))): command
@@ -675,11 +676,22 @@ def test_compare_keeps_its_contract(tmp_path: Path, capsys: pytest.CaptureFixtur
     text = capsys.readouterr().out
     assert text.startswith("MuJoCo and the DAE agree to ")
     assert "largest node error" in text
-    for unit in ("µm", "µm/s", "µN", "µN/m", "µJ"):
-        assert f"within 1 {unit}\n" in text
-    code, strict, _ = ask(
-        capsys, "compare", tmp_path / "mujoco.nc", tmp_path / "dae.nc", "--tolerance", "N=1e-30", "--tolerance", "1"
-    )
+    assert text.count("allowed") == 2  # of the distance of nodes, and of that from the target
+    words = ("compare", tmp_path / "mujoco.nc", tmp_path / "dae.nc", "--tolerance", "N=1e-30", "--tolerance", "1")
+    code, strict, _ = ask(capsys, *words)
+    assert main([str(word) for word in words]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("MuJoCo and the DAE agree to ")
+    assert "(allowed 1 m)" in text.splitlines()[0]
+    assert re.search(r"\nbad +the largest tension error is .* N \(allowed 1e-30 N, exceeded from .* on\)\n", text)
+    assert all(one["text"] in text for one in strict["findings"])
+    page = write_report(
+        tmp_path / "both.html",
+        runs := [tmj.Trajectory.load(tmp_path / f"{name}.nc") for name in ("mujoco", "dae")],
+        comparison=tmj.compare(*runs, 1.0, tolerances={"N": 1e-30}),
+    ).read_text(encoding="utf-8")
+    assert all(page.count(one["text"]) == 1 for one in strict["findings"])
+    assert "beyond it" not in page
     assert strict["tolerances"]["tension_error"] == strict["tolerances"]["rod_force_error"] == 1e-30
     assert strict["tolerances"]["node_error"] == strict["tolerance"] == 1.0
     assert strict["first_exceeded"]["tension_error"] is not None

@@ -281,7 +281,7 @@ def test_the_command_compares_and_names_what_is_not(
     plot = tmp_path / "difference.png"
     assert main(["compare", file, table, "--tolerance", "1e-4", "--plot", str(plot)]) == 0
     out, err = capsys.readouterr()
-    assert re.search(r"largest node error +1 mm +beyond, from 0.105 s on, 100 µm\n", out)
+    assert re.search(r"bad +the largest node error is 1 mm \(allowed 100 µm, exceeded from 0.105 s on\)\n", out)
     assert "tension" not in out
     assert "nodes of the run that the table does not have: o, h" in err
     assert "the table's 'hh' is no node of the run (did you mean 'h'?)" in err

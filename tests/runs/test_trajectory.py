@@ -246,7 +246,7 @@ def test_a_netcdf_file_of_something_else_is_refused(tmp_path):
 
 
 def test_a_run_differs_from_itself_by_nothing_and_from_another_by_what_was_added(run):
-    same = tmj.compare(run, run)
+    same = tmj.compare(run, run, 1e-6)
     assert same.max_node_error == same.max_energy_error == same.rms_node_error == 0
     assert set(same.first_exceeded.values()) == {None}
     nodes = run.nodes.copy()

@@ -75,6 +75,41 @@ def test_a_law_that_pumps_energy_is_bad_with_and_without_a_target(scene: tmj.Sce
     assert "does not do what it is meant to" in report.judgement.verdict
 
 
+@pytest.mark.parametrize("engine", [tmj.DAE, tmj.ODE])
+def test_a_law_that_drives_on_without_end_is_given_up(engine: Any) -> None:
+    """Its steps shrink without end. Strings of 18 N/m stretched by 2 m hold 72 J, and 100 times that ends it.
+
+    The rest lengths 0.5 m + g dL/dt are ten sizes below zero, -20 m, from 41 m/s on for g = 0.5 s, with 1.7 kJ.
+    """
+    with pytest.raises(tmj.errors.DivergenceError, match="the law drives the structure on: it moves with") as stopped:
+        tmj.simulate(swing(), Rates(swing(), 0.5), engine(), duration=10.0)
+    run = stopped.value.trajectory
+    assert isinstance(run, tmj.Trajectory)
+    assert run.time[-1] < 9.0
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("engine", [tmj.MuJoCo(), tmj.DAE(method="rk4", timestep=1e-3)], ids=["mujoco", "dae"])
+def test_no_number_of_a_run_is_beyond_what_mujoco_has(engine: Any) -> None:
+    """A push of 1e12 N on 2 kg gives 1e12 m/s sin(ω t)/2ω, ω² = 18/s²: 9.99e9 m/s after 20 ms, 1.049e10 after 21."""
+    pushed = swing().with_(loads=[tmj.model.Load("m", (0.0, 0.0, 1e12))])
+    with pytest.raises(tmj.errors.DivergenceError, match=r"beyond 1e.10 m or m/s") as stopped:
+        tmj.simulate(pushed, None, engine, duration=0.1, output_interval=1e-3)
+    run = stopped.value.trajectory
+    assert isinstance(run, tmj.Trajectory)
+    assert run.time[-1] == pytest.approx(0.02, abs=1e-9)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_what_overflows_is_an_error_and_no_warning() -> None:
+    """Past 1e154 squares overflow: rates by 1e160 s, in the law itself and in SciPy's norms of errors."""
+    for engine in (tmj.MuJoCo(), tmj.DAE(), tmj.DAE(method="rk4", timestep=1e-3), tmj.ODE()):
+        with pytest.raises(tmj.errors.TensegrityError, match=r"diverged|stopped|not finite"):
+            tmj.simulate(swing(), Rates(swing(velocity=1.0), 1e160), engine, duration=1.0)
+    report = validated(swing(velocity=1.0), 1e160, sections=["nominal"], duration=0.5)
+    assert marks(report)[0] == "bad"
+
+
 def test_a_law_that_calms_is_judged_against_rest_and_what_is_off_against_the_nominal_run() -> None:
     report = validated(swing(), CALMS)
     judged = nominal(report)["judgement"]

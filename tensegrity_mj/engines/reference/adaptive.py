@@ -12,6 +12,7 @@ from scipy.integrate import DOP853, Radau
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
@@ -34,6 +35,7 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.model import rods
 from tensegrity_mj.runs.energy import check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
@@ -44,6 +46,9 @@ JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference a
 CRAWL_STEPS = 5000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
 RETREAT = 0.2  # of a step, after a stage that the model's coordinates cannot hold: what SciPy takes at least, too
+# Steps shrink without end where a law drives a structure on. Looked at every so many steps, such a run is given up once
+# a rest length is that many sizes below zero, and the energy that square times what strings stretched by the size hold.
+FAR, LOOK_AFTER = 10.0, 100
 LEAST_SEARCHED = 1e-9  # of the duration: shorter steps are not searched for short pulls of strings
 VANISHING_MARGIN = (
     1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
@@ -250,6 +255,8 @@ class ErrorControlled:
                     f"the last {CRAWL_STEPS} steps came only {solver.t - self.mark_of_progress:.2g} s further"
                 )
             self.mark_of_progress = float(solver.t)
+        if self.run.steps % LOOK_AFTER == 0:
+            self._check_drive()
         if self.run.steps >= self.options.max_steps:
             self._give_up(f"max_steps = {self.options.max_steps} steps were not enough")
         if self._steps_over_a_pull(solver):
@@ -300,6 +307,22 @@ class ErrorControlled:
         if self.plant["yielding"]:
             self.plant["arrived"] = 1
             self._rhs_status(self.t, self.y)
+
+    def _check_drive(self) -> None:
+        """Give up where the law drives the structure on beyond all that its strings could hold."""
+        structure, rest = self.request.scene.structure, self.plant["rest"]
+        size = float(np.linalg.norm(np.ptp(self.request.scene.nodes0, axis=0)))
+        if not rest.min(initial=0.0) < -FAR * size:
+            return
+        energy = float(rods.kinetic_energy(structure, self.plant["velocities"][None])[0])
+        most = 0.5 * FAR**2 * float(structure.stiffness.sum()) * size**2
+        if energy > most > 0.0:
+            worst = int(np.argmin(rest))
+            self._give_up(
+                f"the law drives the structure on: it moves with {quantity(energy, 'J', 2)}, and the rest length of "
+                f"string '{structure.strings[worst].name}' is {quantity(float(rest[worst]), 'm', 2)}",
+                "take a law that damps, or give strings min_rest_length or max_force_density",
+            )
 
     def _feasible(self, t: float, y: Array) -> bool:
         self._rhs_status(t, y)  # places the nodes
