@@ -46,7 +46,7 @@ def couple(elements: Elements, i: int, j: int) -> tuple[Ends, float, float]:
 def search(
     motion: Motion, elements: Elements, couples: Couples, limits: Array, own: bool, tolerance: float, out: Array
 ) -> None:
-    """For pairs of elements (P, 2) write (surface distance, interval, part, width) of the least distance.
+    """Write (surface distance, interval, part, width) of the least distance of pairs of elements (P, 2).
 
     Of each kind only what is below limits[kind] is found, which it then becomes; with `own` that of every pair.
     """

@@ -118,7 +118,7 @@ def motion_bounds(piece: Between) -> tuple[float, float]:
 
 @njit
 def lower_bound(left: float, right: float, width: float, speed: float, bend: float, reach: float) -> float:
-    """Of the distance over a stretch, from those at its ends: in so far as it falls below `reach` at all."""
+    """Lower bound of the distance over a stretch, from those at its ends, as far as it falls below `reach` at all."""
     K = 2.0 * speed * speed + 2.0 * (reach + speed * width) * bend
     K *= width * width
     low, high = left * left, right * right
@@ -130,7 +130,7 @@ def lower_bound(left: float, right: float, width: float, speed: float, bend: flo
 
 @njit
 def paths(P: Array, V: Array, time: Array, pairs: IntArray, out: Array) -> None:
-    """out (E, T): up to each sample, at least the way [m] that any point of an element has gone."""
+    """Write to out (E, T) a bound of the distance [m] that any point of an element has travelled up to each sample."""
     for e in range(len(pairs)):
         total = 0.0
         out[e, 0] = 0.0

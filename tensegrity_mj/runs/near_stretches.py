@@ -1,4 +1,4 @@
-"""When two moving segments are near, and when one passes through the other. Compiled; see `least_distance`."""
+"""Times at which two moving segments are near, or one passes through the other. Compiled; see `least_distance`."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def stretches(
 
 @njit
 def height(piece: Between, x: float) -> float:
-    """How far [m] one line is from the other along their common normal u × v: its sign is the side.
+    """Distance [m] of one line from the other along their common normal u × v: its sign is the side.
 
     Zero where the lines are so nearly parallel that round-off would choose the side.
     """

@@ -60,7 +60,7 @@ def _closest_of_all(w: Array, u: Array, v: Array, out: Array) -> None:
 
 
 def closest_points(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> tuple[Array, Array, Array]:
-    """How far segments from a to b are from those from c to d, and where: (distance [m], s, t), each (...).
+    """Distances of segments from a to b from those from c to d, and where: (distance [m], s, t), each (...).
 
     The closest points are a + s (b - a) and c + t (d - c); of parallel segments one pair of many. The four arrays
     (..., 3) broadcast against each other.

@@ -1,6 +1,6 @@
-"""What answers accelerations inside MuJoCo: added mass of rods in water, and linear constraints on nodes.
+"""Forces that answer accelerations inside MuJoCo: added mass of rods in water, and linear constraints on nodes.
 
-MuJoCo solves M q̈ = Q with the thin rods' own M. In water each rod feels -Σ_j α_ij P a_j at its nodes besides, a_j being
+MuJoCo solves M q̈ = Q with the thin rods' own M. In water each rod also feels -Σ_j α_ij P a_j at its nodes, a_j being
 the accelerations that are to be found, and constraints pull with the forces Gᵀ λ that keep G n at its value. So the
 callback finds accelerations first, one tree of bodies after another, from the numbers that MuJoCo has for its degrees
 of freedom when it calls: with J_i the velocities of a node i for each of them (from `cdof`), a_i⁰ what it accelerates

@@ -68,7 +68,7 @@ def _moment(run: Any, counters: Any) -> Moment:
 
 @borrowing
 def control_stage(table: int) -> None:
-    """Everything that happens at one stage of MuJoCo's integrator."""
+    """Do everything that happens at one stage of MuJoCo's integrator."""
     run = RunView(table)
     counters = Counters(address(run.counters))
     finish_row(table)
@@ -87,7 +87,7 @@ def control_stage(table: int) -> None:
 
 @borrowing
 def _stage(table: int, now: Moment) -> int:
-    """All that a stage has to do, in order; how the run has ended, or RUNNING."""
+    """Do all that a stage has to do, in order; return how the run has ended, or RUNNING."""
     run = RunView(table)
     if not read_nodes(table):
         return LOST
@@ -176,7 +176,7 @@ def _resolve(table: int, now: Moment) -> None:
 
 @inlined
 def _move_supports(table: int, now: Moment) -> None:
-    """As they move at a stage; and count what constraints did over the stage before."""
+    """Move the supports to where they are at a stage; count the work of constraints over the stage before."""
     run = RunView(table)
     if run.motion_count > 0:
         set_motions(table, now.time)
@@ -188,7 +188,7 @@ def _move_supports(table: int, now: Moment) -> None:
 
 @borrowing
 def settle(table: int) -> None:
-    """What is known until another simulation uses the same MjData: a row's end, and the work of constraints since."""
+    """Complete the row and the work of constraints, which are lost once another simulation uses the same MjData."""
     finish_row(table)
     run = RunView(table)
     counters = Counters(address(run.counters))
@@ -203,7 +203,7 @@ def settle(table: int) -> None:
 
 @borrowing
 def _support_power(table: int, now: Moment) -> float:
-    """[W] of what moves the supports; with one stage, work counts the speeds at both ends of a step."""
+    """Power [W] of what moves the supports; with one stage, work counts the speeds at both ends of a step."""
     run = RunView(table)
     if run.motion_count == 0:
         return 0.0
@@ -249,7 +249,7 @@ def apply_loads(table: int) -> None:
 
 @inlined
 def _begin_strings(table: int, now: Moment) -> int:
-    """At the start of a step: strings break, and the law is sampled; its answer."""
+    """Break strings and sample the law at the start of a step; return the law's answer."""
     run = RunView(table)
     if now.begins and run.breaking > 0:
         break_strings(table, now.time)
@@ -277,7 +277,7 @@ def _set_strings(table: int, now: Moment) -> tuple[int, float, float]:
 
 @borrowing
 def _curved_control(run: Any, m: int, slack: bool) -> float:
-    """ctrl of a string where some have curves: by its tension, and well beyond zero tension where it is slack."""
+    """Control of a string where some have curves: by its tension, and well beyond zero tension where it is slack."""
     k, length, damper = run.stiffness[m], run.lengths[m], run.damping[m] * run.rates[m]
     if k == 0.0:  # [N] off its pull, of which a broken one has nothing
         return run.pieces[run.piece_ranges[m, 0], 1] + abs(damper) if slack else 0.0
@@ -288,7 +288,7 @@ def _curved_control(run: Any, m: int, slack: bool) -> float:
 
 @borrowing
 def set_controls(table: int) -> bool:
-    """Controls such that neither spring nor damper of a slack string acts; False for one beyond.
+    """Set controls such that neither spring nor damper of a slack string acts; False for one beyond.
 
     They follow from rest lengths, and where strings have curves from tensions: the rest length L - T/k has the same.
 
@@ -317,7 +317,7 @@ def set_controls(table: int) -> bool:
 
 @borrowing
 def _account_step(table: int, now: Moment, sampled: int, answer: int) -> int:
-    """At the start of a step, by what the law answered: the ledger's start, what is impossible, and a row.
+    """Start the ledger, watch the strings and record a row at the start of a step, by what the law answered.
 
     Returns how the run has ended, or RUNNING.
     """

@@ -1,4 +1,4 @@
-"""MuJoCo without its profiler: reading the clock for `mjData.timer` takes 2 to 35 % of a step.
+"""Switch for MuJoCo's profiler, which reads the clock for `mjData.timer`: that takes 2 to 35 % of a step.
 
 The function that it calls for the time is process-wide; without one it reads no clock. Python's `set_mjcb_time(None)`
 puts the default clock back instead of taking it out, so the C variable itself is set.
@@ -18,7 +18,7 @@ LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 
 @contextlib.contextmanager
 def profiler_off() -> Iterator[bool]:
-    """`mjData.timer` stands still within; false where MuJoCo's library does not offer its clock: all stays as it is."""
+    """Stop `mjData.timer` within the block; false, and no change, where MuJoCo's library does not offer its clock."""
     clock = _clock()
     if clock is None:
         yield False

@@ -19,7 +19,7 @@ from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
 from tensegrity_mj.dynamics.native.vectors import add, cross, dot, minus, plus, row_of, times
 
 OF_GAP, OF_RATE = 0.25, 0.875  # see above
-DEPENDENT = 1e-12  # of `scales`, what is left of a row's compliance beside others: squares of singular values
+DEPENDENT = 1e-12  # of `scales`, what other rows leave of a row's compliance: squares of singular values
 
 
 class Links(NamedTuple):
@@ -166,7 +166,7 @@ def add_pulls(own: Any, links: Links, velocities: Array, held: Array) -> float:
 
 @inlined
 def carried_by(axes: Any, d: int, offset: Any) -> Any:
-    """How a point moves with a degree of freedom, at an offset from the centre of mass of its tree."""
+    """Velocity of a point per unit of a degree of freedom's, at an offset from the centre of mass of its tree."""
     turn, slide = row_of(axes, d), (axes[d, 3], axes[d, 4], axes[d, 5])
     return plus(slide, cross(turn, offset))
 

@@ -1,4 +1,4 @@
-"""Contact in a MuJoCo run: its work, counted beside the state, and its forces at the recorded times.
+"""Contact in a MuJoCo run: its work, counted along with the state, and its forces at the recorded times.
 
 A run without contact has none of it: `touches` is zero in its table.
 
@@ -140,7 +140,7 @@ class Contacts:
         mujoco.mj_forward(model, data)
 
     def _owners(self) -> NDArray[np.int64]:
-        """For each geom the number of its rod, or of its point mass after the rods, or -1."""
+        """Number of each geom's rod, or of its point mass after the rods, or -1."""
         model, structure = self.model, self.structure
         bodies = np.full(model.nbody, -1)
         bodies[self._bodies] = np.arange(len(structure.rods))

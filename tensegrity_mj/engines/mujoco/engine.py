@@ -89,17 +89,17 @@ class MuJoCo:
 
     @property
     def is_explicit(self) -> bool:
-        """Whether the forces that act over a step are those computed at its stages."""
+        """True where the forces that act over a step are those computed at its stages."""
         return self.integrator in (Integrator.EULER, Integrator.RK4)
 
     @property
     def word(self) -> str:
-        """MuJoCo's own word for the integrator."""
+        """Name of the integrator in MuJoCo."""
         return WORDS.get(self.integrator, self.integrator.value)
 
     @property
     def stepping(self) -> Stepping:
-        """How it steps, for small motions."""
+        """Integrator and step, for the stability of small motions."""
         if self.accuracy is not None:
             return Stepping(by_accuracy=True)
         # It knows the stiffness of strings, and nothing of what weight and joints hold.

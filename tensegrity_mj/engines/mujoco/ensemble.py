@@ -192,7 +192,7 @@ def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
 
 
 def _share_model(scene: Scene, first: Scene) -> bool:
-    """Whether a scene can do with the first one's model."""
+    """Return whether a scene can use the first one's model."""
     pairs = ((getattr(scene, what), getattr(first, what)) for what in ("structure", "gravity", "contact"))
     return all(one is other or one == other for one, other in pairs)
 

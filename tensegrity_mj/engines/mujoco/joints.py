@@ -30,7 +30,7 @@ REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says 
 
 
 class JointForces:
-    """What recorded states (T, nq + nv) of a run show of its rods and joints."""
+    """Forces in rods and joints, from the recorded states (T, nq + nv) of a run."""
 
     def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> None:
         """`run`: the table of the run, with its supports."""
@@ -111,7 +111,7 @@ class JointForces:
                 mujoco.mj_fwdPosition(model, data)
                 mujoco.mj_fwdVelocity(model, data)
                 if len(structure.strings):
-                    # The control that makes MuJoCo's tension the recorded one, whatever law or breaking string it was.
+                    # The control that makes MuJoCo's tension the recorded one, for any law and for broken strings.
                     data.ctrl[:] = controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
                 self._apply(data, np.concatenate([loads[row], pushes[row].reshape(-1, 3)]))
                 mujoco.mj_forward(model, data)
@@ -131,7 +131,7 @@ class JointForces:
                 data.xfrc_applied[body, 3:] += np.cross(data.site_xpos[site] - data.xipos[body], force)
 
     def _pulls(self, data: mujoco.MjData) -> Array:
-        """(C, 3) [N]: what each closure does to the first of its rods."""
+        """Forces (C, 3) [N] of each closure on the first of its rods."""
         out = np.zeros((len(self._gaps), 3))
         equality = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
         for number in range(len(self._gaps)):
@@ -140,7 +140,7 @@ class JointForces:
         return out
 
     def _end_forces(self, nodal: Array, pushes: Array, pulls: Array, accelerations: Array) -> Array:
-        """(T, R, 2, 3) [N]: all that acts on each end of each rod, gravity not included."""
+        """Forces (T, R, 2, 3) [N] on each end of each rod: all but gravity."""
         structure, forest = self.scene.structure, self.tree.forest
         out = np.zeros_like(accelerations)
         out[:, : pushes.shape[1]] += pushes
@@ -164,7 +164,7 @@ class JointForces:
 
 
 def site_accelerations(model: mujoco.MjModel, data: mujoco.MjData, sites: Any) -> Array:
-    """(n, 3) [m/s²] of sites (n,), once forces are known; joints that close loops are rigid, as by `close_rigidly`."""
+    """Accelerations (n, 3) [m/s²] of sites (n,), once forces are known; joints close loops as by `close_rigidly`."""
     if data.nefc and model.neq:
         close_rigidly(model, data)
     mujoco.mj_rnePostConstraint(model, data)

@@ -1,4 +1,4 @@
-"""Where the fields of mjData and mjModel are in memory, for compiled code that is given their addresses.
+"""Offsets of the fields of mjData and mjModel in memory, for compiled code that is given their addresses.
 
 The offsets follow from the declarations in the package's own `mujoco.introspect` and the rules of C. Before they are
 used they are checked against the addresses of the Python views of an MjData, so that another layout is an error
@@ -71,7 +71,7 @@ def offset(structure: str, field: str) -> int:
 
 
 def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, ...]) -> None:
-    """See that these arrays of mjData, its time, and the sizes and strings of mjModel are where the offsets say.
+    """Check that these arrays of mjData, its time, and the sizes and strings of mjModel are where the offsets say.
 
     Raises:
         MissingLibraryError: where one is not.

@@ -85,7 +85,7 @@ def begin_trial(table: int, kept: Any, h: float) -> None:
 
 @borrowing
 def after_last_stage(table: int, t: float, h: float, search: int) -> float:
-    """What to search for in a step or part of h [s] that ends at t, see `look_at_end`; or `UNKNOWN`.
+    """Return what to search for in a step or part of h [s] that ends at t, see `look_at_end`; or `UNKNOWN`.
 
     The last stage's work is counted.
     """
@@ -104,7 +104,7 @@ def after_last_stage(table: int, t: float, h: float, search: int) -> float:
 
 @borrowing
 def after_trial(table: int, t: float, part: float, search: int) -> bool:
-    """Whether to go on with a search, after a part of the step that ends at t. The last stage's work is counted."""
+    """Return whether a search goes on, after a part of the step that ends at t. It counts the last stage's work."""
     run = RunView(table)
     count_constraints(run, run.step / 6.0, False)
     if not read_nodes(table):
@@ -146,7 +146,7 @@ class LocatedRun(MuJoCoRun):
 
     @property
     def evaluations(self) -> int:
-        """Of the forces, up to now, those of searches included."""
+        """Number of evaluations of the forces so far, those of searches included."""
         return self._evaluations
 
     def _warm_up(self) -> None:
@@ -189,13 +189,13 @@ class LocatedRun(MuJoCoRun):
         return bool(self.counters[ENDED] == RUNNING)
 
     def _other_stages(self) -> bool:
-        """The rest of the step; false where the run has ended."""
+        """Do the rest of the step; false where the run has ended."""
         mujoco.mj_RungeKutta(self.model, self.data, STAGES)
         self._evaluations += STAGES - 1
         return bool(self.counters[ENDED] == RUNNING)
 
     def _step(self, number: int) -> bool:
-        """One whole step; false where the run has ended."""
+        """Make one whole step; false where the run has ended."""
         table, search, step = self.plant.address, self._search.address, self.options.timestep
         t, left, end = number * step, step, (number + 1) * step
         time = 0.0
@@ -252,7 +252,7 @@ class LocatedRun(MuJoCoRun):
                 return
 
     def _set_part(self, t: float, h: float) -> None:
-        """What is taken next is a part of a step: of h [s], from t."""
+        """Make the next step a part of a step: of h [s], from t."""
         self.plant.set(part=1, begins=t, step=h)
         self.model.opt.timestep = h
 

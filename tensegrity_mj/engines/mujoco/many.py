@@ -93,7 +93,7 @@ def _at(address: int, offset: int) -> int:
 
 @inlined
 def _is_ours(guide: Any, model: int) -> bool:
-    """Whether a model is the one that the tables were made for."""
+    """Return whether a model is the one that the tables were made for."""
     sizes, same = guide.sizes, True
     for n in range(len(sizes)):
         same &= _at(model, sizes[n, 0]) == sizes[n, 1]
@@ -102,7 +102,7 @@ def _is_ours(guide: Any, model: int) -> bool:
 
 @borrowing
 def _has_our_strings(guide: Any, model: int) -> bool:
-    """Whether the strings of a model tie the same sites in the same order, with the same springs and dampers."""
+    """Return whether a model's strings tie the same sites in the same order, with the same springs and dampers."""
     springs, ends = guide.springs, guide.ends
     M, words = len(springs), len(ends)
     gains = floats(_at(model, guide.gains_at), (M, PARAMETERS))
@@ -144,7 +144,7 @@ def stage_of_many(guide: Any, model: int, data: int) -> None:
 
 @borrowing
 def settle_many(guide: Any) -> None:
-    """After the steps of all: what each needs of its last stage, of which the batch has kept copies."""
+    """Complete the last stage of each simulation after the steps of all, from the copies that the batch has kept."""
     kept = guide.kept
     for number in range(guide.run_count):
         if guide.running[number]:

@@ -154,7 +154,7 @@ def _floor(root: ET.Element, world: ET.Element, scene: Scene) -> None:
 
 
 def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
-    """Only flags that change what is computed: a reset behind one's back must never happen."""
+    """Set the flags that change what is computed; MuJoCo must never reset a state without a warning."""
     constrained = scene.contact is not None or bool(tree.forest.closures)
     # Newton 1.8 reads this flag of a file alone, and lets what has none fall at its own 9.81 m/s².
     without: dict[str, Any] = {} if np.any(scene.gravity) else {"gravity": "disable"}
@@ -192,7 +192,7 @@ def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, time
 
 
 def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
-    """Rods that share a node do not touch; MuJoCo leaves out by itself those of which one hangs on the other."""
+    """Exclude contact of rods that share a node; MuJoCo does so by itself where one hangs on the other."""
     pairs = {pair for rows in scene.structure.rods_at.values() for pair in itertools.combinations(sorted(rows), 2)}
     if scene.contact is None or not scene.contact.rods or not pairs:
         return
@@ -202,7 +202,7 @@ def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
 
 
 def actuator_numbers(structure: Structure) -> tuple[Array, Array, Array]:
-    """Of the strings' actuators: gains (M,) [N/m], biases (M, 3) [k L0, -k, -c] and largest forces (M,) [N].
+    """Gains (M,) [N/m], biases (M, 3) [k L0, -k, -c] and largest forces (M,) [N] of the strings' actuators.
 
     A constant force T has the gain 1 and the biases [-T, 0, -c].
     """

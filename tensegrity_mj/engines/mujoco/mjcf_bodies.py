@@ -57,7 +57,7 @@ class Names:
         cuts = (len(rods), len(rods) + len(points))
         self.rods, self.points, self.moved = _cut(bodies[: len(members)], cuts)
         self.bodies = bodies[len(members) :]
-        # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
+        # A rod's own name goes to the joint that turns it, not to a slide of another rod.
         self.turns = [rod.name for rod in rods]
         counts = [0 if j.turn is Turn.FREE else j.axes.shape[1] + j.stretches.shape[1] for j in tree.joints]
         counts += [point.translation_basis.shape[1] for point in points]
@@ -77,7 +77,7 @@ def _cut(values: list[Any], cuts: tuple[int, int]) -> tuple[list[Any], list[Any]
 
 
 class Bodies:
-    """What adds the bodies of a scene to the world of its model.
+    """Writer of a scene's bodies into the world of its model.
 
     Attributes:
         world: where they are added.
@@ -203,7 +203,7 @@ class Bodies:
         ET.SubElement(body, "site", name=name, pos=numbers(np.asarray(place, float)), **turned, **self.site)
 
     def _frame(self, number: int) -> tuple[Array, Array]:
-        """Where the frame of a rod's body is at the start, in the world."""
+        """Position and rotation of a rod's body at the start, in the world."""
         first, second = self.scene.nodes0[self.structure.rod_nodes[number]]
         sigma = self.tree.joints[number].sigma
         return (1 - sigma) * first + sigma * second, self.tree.built[number]
@@ -211,7 +211,7 @@ class Bodies:
     def _add_slides(
         self, body: ET.Element, names: list[str], axes: Array, free: int, armature: float | None = None
     ) -> None:
-        """Slides along axes (3, n), those behind the free ones with an armature [kg], by default that of drives."""
+        """Add slides along axes (3, n), those after the free ones with an armature [kg], by default that of drives."""
         mass = drive(self.scene) if armature is None else armature
         for k, (name, axis) in enumerate(zip(names, axes.T, strict=True)):
             more: dict[str, Any] = {"armature": numbers([mass])} if k >= free and mass else {}
@@ -235,7 +235,7 @@ class Bodies:
         ET.SubElement(body, "site", name=point.node, pos="0 0 0", **self.site)
 
     def _add_moved_node(self, number: int) -> None:
-        """One that belongs to nothing and moves: only strings feel it, and nothing that it does depends on its mass."""
+        """Add a node that moves and belongs to no member: only strings feel it, and its mass has no effect."""
         row, axes = self.tree.moved_nodes[number]
         body = ET.SubElement(self.world, "body", name=self.names.moved[number], pos=numbers(self.scene.nodes0[row]))
         self._add_slides(body, self.names.moved_slides[number], axes, 0)
@@ -288,5 +288,5 @@ def hardness(contact: Contact) -> dict[str, Any]:
 
 
 def size(scene: Scene) -> float:
-    """Of the structure at the start [m]; 1 mm for what is a point."""
+    """Largest extent of the structure at the start [m]; 1 mm for a point."""
     return float(np.max(np.ptp(scene.nodes0, axis=0), initial=0.0)) or 1e-3

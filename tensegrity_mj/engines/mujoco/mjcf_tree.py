@@ -1,4 +1,4 @@
-"""How the bodies of a scene's MuJoCo model hang together, and its joint coordinates.
+"""Tree of bodies of a scene's MuJoCo model, and its joint coordinates.
 
 A rod that hangs on no other has its frame at the point of it that its support holds, and slides along the directions
 that the support leaves, along those in which a motion drives the support, and turns. A rod that hangs on another has
@@ -39,7 +39,7 @@ TURNED_AXIS = "0.7071067811865476 0 0 0.7071067811865476"  # what is round about
 
 
 def must_turn(place: ArrayLike, frames: Iterable[ArrayLike], size: float) -> bool:
-    """Whether MuJoCo would move a parallel frame at a place (3,) [m] onto one of these, which are elsewhere.
+    """Return whether MuJoCo would move a parallel frame at a place (3,) [m] onto one of these, which are elsewhere.
 
     Places are in the frame of the body; `size` [m] is that of the body, whose round-off is no distance.
     """
@@ -80,7 +80,7 @@ NOTHING = 1e-12  # of the largest displacement: one below it is no direction of 
 
 
 class Turn(enum.Enum):
-    """How a rod turns in what carries it."""
+    """Joints by which a rod turns in its parent."""
 
     FREE = "free"  # one joint for all six coordinates
     BALL = "ball"
@@ -90,7 +90,7 @@ class Turn(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class RodJoint:
-    """How the body of a rod is joined to what carries it.
+    """Joint of a rod's body to its parent.
 
     Attributes:
         parent: row of the rod that it hangs on, or -1 for the world.
@@ -110,7 +110,7 @@ class RodJoint:
 
     @property
     def axes(self) -> Array:
-        """(3, n + m): of all slide joints, the driven ones last."""
+        """Directions (3, n + m) of all slide joints, the driven ones last."""
         return np.hstack([self.slides, self.moved])
 
 
@@ -136,7 +136,7 @@ class BodyTree:
 
     @property
     def depth(self) -> int:
-        """How many bodies hang on each other at most."""
+        """Largest number of bodies that hang on each other."""
         depths = np.zeros(len(self.order), int)
         for rod in self.order:
             parent = self.joints[rod].parent
@@ -283,7 +283,7 @@ def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Ar
 
 
 def _frames(scene: Scene, nodes: Array) -> Array:
-    """(R, 3, 3): frames of the rods between nodes (N, 3), z along the rod, without a turn about it."""
+    """Frames (R, 3, 3) of the rods between nodes (N, 3), z along the rod, without a turn about it."""
     pairs = scene.structure.rod_nodes
     along = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
     return rotations_to(along / np.linalg.norm(along, axis=1)[:, None])

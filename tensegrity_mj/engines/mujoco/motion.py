@@ -1,11 +1,11 @@
 """Moved supports in a MuJoCo run: what drives them, exactly, and the work that they do.
 
-A motion drives slide joints, each along one direction and with an armature beside which nothing else counts.
+A motion drives slide joints, each along one direction and with an armature next to which all other mass is negligible.
 The force on each is as much times d̈ at the stage's own time, so that MuJoCo's integrator sees the acceleration d̈(t) and
 nothing reacts on it. It is set in the control callback, which comes before MuJoCo sums up forces. At the start of a
 step the slide's place and velocity are put on the exact d and ḋ: what the integrator makes of them in a step
 is off by its own local error (RK4: h⁵), and so nothing adds up. With RK4 everything is of order 4, with the other
-integrators of order 1, as without motion. Places and velocities are the world's, whatever moves.
+integrators of order 1, as without motion. Places and velocities are always the world's.
 
 Work. All nodes of the tree of bodies that a slide carries move with it along its direction e, so that the support's
 force along it is R = dp/dt - M g·e - F, with p the tree's momentum along e and F what strings, loads, contacts and
@@ -13,8 +13,8 @@ joints that close loops pull along e. No acceleration is needed for the work of 
 
     ∫ R ḋ dt = Δ(p ḋ) - ∫ p d̈ dt - ∫ (M g·e + F) ḋ dt,
 
-whose integrals are counted beside the state, as those of strings and loads are. What constraints pull MuJoCo knows only
-after the callback: it is counted at the next stage.
+whose integrals are counted along with the state, as those of strings and loads are. MuJoCo knows the forces of
+constraints only after the callback: they are counted at the next stage.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def set_supports(scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table
 
 
 def driving_forces(slides: Any, scene: Scene, time: float, nv: int) -> Array:
-    """What drives supports by `slides` at a time: generalized forces (nv,)."""
+    """Generalized forces (nv,) that drive supports by `slides` at a time."""
     out = np.zeros(nv)
     for slide in slides:
         out[slide["dof"]] = slide["drive"] * (slide["axis"] @ scene.motions[slide["motion"]].at(time)[2])

@@ -1,4 +1,4 @@
-"""What a scene makes MuJoCo's model hold, counted, and why it is no less; what a step of it costs is in `step_timing`.
+"""Size of a scene's MuJoCo model, and the reason for each part of it; `step_timing` measures the cost of a step.
 
     needs = tmj.studies.requirements(scene)
     needs.velocities, needs.joints, needs.contact_pairs, needs.reasons
@@ -46,7 +46,7 @@ JOINTS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 
 @dataclass(frozen=True, kw_only=True)
 class Requirements:
-    """What the model of a scene holds; what is MuJoCo's is None, or nothing, where MuJoCo refuses the scene.
+    """Size of the model of a scene; MuJoCo's numbers are None, or empty, where MuJoCo refuses the scene.
 
     Attributes:
         scene: its name.
@@ -87,12 +87,12 @@ class Requirements:
     timing: StepTiming | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values; measured times under "timing" alone, so that the rest is the same in every run."""
+        """Plain values; measured times under "timing" alone, so that the rest is the same in every run."""
         return asdict(self)
 
 
 def requirements(scene: Scene, timing: bool = False) -> Requirements:
-    """What MuJoCo's model of a scene holds; with `timing` also what a step costs, and what more would add (seconds).
+    """Count what MuJoCo's model of a scene holds; with `timing` measure also the cost of a step (takes seconds).
 
     Raises:
         OptionError: if it is no Scene.
@@ -122,7 +122,7 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
 
 
 def _counts(scene: Scene) -> dict[str, Any]:
-    """What MuJoCo's model of a scene holds."""
+    """Count what MuJoCo's model of a scene holds."""
     model = MuJoCo().model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -167,7 +167,7 @@ def largest_tree(structure: Structure) -> int:
 
 
 def engine_for_size(scene: Scene) -> str:
-    """Which engine the size of a scene's structure calls for (evidence/docs/speed.md, "Large structures")."""
+    """Recommend an engine for the size of a scene's structure (evidence/docs/speed.md, "Large structures")."""
     hanging, rods = largest_tree(scene.structure), len(scene.structure.rods)
     if (refused := refusal(MuJoCo(), scene)) and (able := engines_for(scene)):
         others, (limit, found, _) = " or the ".join(ENGINES[name].title for name in able), refused

@@ -1,4 +1,4 @@
-"""What a run needs of its scene in MuJoCo before it starts: made once a layout, not once a run.
+"""Preparation of a scene for a run in MuJoCo, made once per layout, not once per run.
 
 A layout is all of a scene that its compiled model depends on, but for the numbers of strings. These, the time step and
 the integrator are set in each copy of the model, as the compiler would set them. Each model is held against its scene:
@@ -68,7 +68,7 @@ def prepared(scene: Scene, timestep: float, integrator: str, userdata: int = 0) 
 
 
 def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
-    """As `prepared`, with data at the start of the model, for a run that gives it back as it is.
+    """Lend what `prepared` gives, with data at the start of the model, to a run that gives it back as it is.
 
     To make the objects of a small model takes as long as hundreds of its steps.
     """
@@ -82,7 +82,7 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
 
 
 def within(ready: Prepared, data: mujoco.MjData | None = None) -> Prepared:
-    """With the table of runs in data, of its own by default."""
+    """Return a copy with the table of runs in `data`, by default new data."""
     data = mujoco.MjData(ready.model) if data is None else data
     return replace(ready, data=data, table=bound(ready.model, data, ready.nodes, ready.slides))
 
@@ -120,7 +120,7 @@ def _of_layout(scene: Scene, userdata: int) -> Prepared:
 
 
 def _layout(scene: Scene) -> tuple[Any, ...]:
-    """What models that differ in the numbers of strings, the time step and the integrator alone have in common."""
+    """Key of all models that differ only in string parameters, time step or integrator."""
     structure = scene.structure
     return (
         (scene.name, scene.gravity, scene.contact, scene.motions),
@@ -131,7 +131,7 @@ def _layout(scene: Scene) -> tuple[Any, ...]:
 
 
 def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
-    """What goes with a model that was made of a scene's MJCF."""
+    """Prepare a model that was made of a scene's MJCF."""
     tree = body_tree(scene)
     velocities = joint_coordinates(scene, tree, scene.nodes0, scene.velocities0)[1]
     sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)

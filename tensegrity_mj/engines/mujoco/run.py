@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
 
-# What MuJoCo warns of where it has left the world of sense; it goes on all the same.
+# MuJoCo's warnings about states that are no longer physical; it only warns, so we stop.
 _WARNINGS = {
     "a bad position": int(mujoco.mjtWarning.mjWARN_BADQPOS),
     "a bad velocity": int(mujoco.mjtWarning.mjWARN_BADQVEL),
@@ -61,7 +61,7 @@ KINDS = {"rk4": STAGES, "discrete": DISCRETE}
 
 
 def causes_of(counts: Any, finite: bool, made: int, steps: int) -> list[str]:
-    """What a run has diverged of: MuJoCo's counters of its warnings, a state that is not finite, lost steps."""
+    """Causes of a divergence: counted warnings of MuJoCo, a state that is not finite, lost steps."""
     causes = [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
     causes += [] if finite else ["the state is no longer finite"]
     return causes + ([] if made == steps else [f"{made} steps were made, not {steps}"])
@@ -121,7 +121,7 @@ class MuJoCoRun:
 
     @property
     def _own(self) -> dict[str, Array]:
-        """What a run that goes on needs besides its plant."""
+        """Arrays that a continued run needs as well as its plant."""
         data = self.data
         return {"qpos": data.qpos, "qvel": data.qvel, "qacc_warmstart": data.qacc_warmstart, "work": self.plant["work"]}
 
@@ -149,12 +149,12 @@ class MuJoCoRun:
         return found
 
     def _advance(self, first: int, count: int) -> None:
-        """`count` steps from number `first`."""
+        """Make `count` steps from number `first`."""
         mujoco.mj_step(self.model, self.data, count)
 
     @property
     def evaluations(self) -> int:
-        """Of the forces, up to now."""
+        """Number of evaluations of the forces so far."""
         return (int(self.counters[STEP]) - self.grid.first) * self.plant["stages"]
 
     @property
@@ -167,7 +167,7 @@ class MuJoCoRun:
         return float(step * self.options.timestep)
 
     def conclude(self, seconds: float, texts: Sequence[str] = ()) -> Trajectory:
-        """What became of the run: its trajectory, or the error that it ended with."""
+        """Return the run's trajectory, or raise the error that it ended with."""
         options, counters = self.options, self.counters
         ended, step = int(counters[ENDED]), int(counters[END_STEP])
         if ended == RUNNING:
@@ -201,7 +201,7 @@ class MuJoCoRun:
         _ = finish.address
 
     def _check(self, steps: int, seconds: float) -> None:
-        """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
+        """Raise if MuJoCo warned, stopped counting steps, or has a value that is infinite or NaN."""
         data = self.data
         finite = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
         if causes := causes_of(data.warning.number, finite, int(self.counters[STEP]), steps):
@@ -213,7 +213,7 @@ class MuJoCoRun:
         raise DivergenceError(f"diverged by t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
 
     def _partial(self, seconds: float) -> Trajectory:
-        """What there is so far: the rows that have their accelerations."""
+        """Trajectory so far: the rows that have their accelerations."""
         rows = int(self.counters[NEXT_ROW]) - int(self.counters[WAITING] >= 0)
         if self.plant["status"]:  # a load that failed has no value at the last row
             rows -= 1

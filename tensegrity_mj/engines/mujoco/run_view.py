@@ -86,7 +86,7 @@ ALIASES = {"lengths": "ten_length", "rates": "ten_velocity"}  # those that have 
 
 
 def bound(model: Any, data: Any, nodes: tuple[Any, Any, Any], slides: Any) -> Table:
-    """What runs of an MjModel in an MjData have in common in their tables: its arrays, and where nodes and rods are.
+    """Make the part of the table that all runs of an MjModel in an MjData share: its arrays, nodes and rods.
 
     Site, body and root of each node (N,), and (R, 11) of each rod.
     """

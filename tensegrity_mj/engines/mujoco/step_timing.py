@@ -1,14 +1,14 @@
-"""What a step of a scene takes in MuJoCo, what its parts take, and what things that it does not need would add.
+"""Time of a scene's step in MuJoCo, of its parts, and of features that the scene does not need.
 
 Everything is measured side by side: models take turns, each steps the same number of times from the same start, and the
 least of several rounds counts. On a busy machine times wander all the same; ratios do less.
 
 The parts are by MuJoCo's own timers, whose clock takes 2 to 35 % of a step (`engines.mujoco.clock`): given as shares.
 
-What a further step of a run costs, with ledger, recording and law, is timed in pieces of .2 ms of one run from the
-scene's start, of which the median counts. What a run costs but once (set-up, its first piece) is in none of them. Such
-pieces are shorter than a process' turn: whatever else runs on the machine disturbs few of them, while a whole run of
-some milliseconds would count the turns of others.
+A further step of a run, with ledger, recording and law, is timed in pieces of 0.2 ms of one run from the scene's start,
+of which the median counts. Costs that a run has only once (set-up, its first piece) are in none of them. Such pieces
+are shorter than a process' time slice: other programs on the machine disturb few of them, while a whole run of some
+milliseconds would count their slices, too.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ THE_SCENE, CONTACT = "", "contact, before anything touches"
 
 @dataclass(frozen=True)
 class Extra:
-    """What one thing costs or would cost: the ratio of a step with it to a step without it."""
+    """Cost of one feature: the ratio of a step with it to a step without it."""
 
     what: str
     ratio: float
@@ -179,7 +179,7 @@ class _PieceRun(MuJoCoRun):
 
 
 def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[float | None, float]:
-    """What a further step takes in a run [s], or None where no run succeeds, and how far the run went [s]."""
+    """Time of a further step in a run [s], or None where no run succeeds, and the time that the run reached [s]."""
     sampled = law is not None and native_law(law, scene.structure).discontinuous
     actuation = Actuation.hold_force_density(10 * engine.timestep) if sampled else None
     count = min((PIECES + 1) * size, int(scene.duration / engine.timestep * (1 + 1e-12)))

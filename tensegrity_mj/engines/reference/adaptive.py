@@ -203,7 +203,7 @@ class ErrorControlled:
         )
 
     def _steps_over_a_pull(self, solver: Any) -> bool:
-        """Whether a string that is slack at both ends of a step pulls within it.
+        """Return whether a string that is slack at both ends of a step pulls within it.
 
         Where rest lengths follow a law at every stage there is no such moment to look for.
         """
@@ -362,7 +362,7 @@ class ErrorControlled:
             self.next += 1
 
     def _stopped(self, status: Status) -> Trajectory:
-        """What was recorded, and the state at which the run stopped."""
+        """Trajectory up to now, with the state at which the run stopped as its last row."""
         while self.next and self.times[self.next - 1] >= self.t:
             self.next -= 1
         time = np.append(self.times[: self.next], self.t)

@@ -1,7 +1,7 @@
 """The reference engine: the thesis' differential-algebraic equations (chapters 2 and 3) in non-minimal coordinates.
 
 State: q = (z, b) of every rod that hangs on no other and b of those that do, q̇, and the work integrals of the energy
-ledger, integrated beside it. As one system all vectors are in world components, with rows for what holds and joins
+ledger, integrated with it. As one system all vectors are in world components, with rows for what holds and joins
 rods: `Solver.FULL` has r and b of the same rods, `Solver.GENERAL` of every rod.
 MuJoCo takes no part.
 """
@@ -46,7 +46,7 @@ class Drift(enum.Enum):
 
 
 class Solver(enum.Enum):
-    """How accelerations are found where rods share nodes; all solve the same equations."""
+    """Solvers for the accelerations of rods that share nodes; all solve the same equations."""
 
     JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
@@ -61,7 +61,7 @@ class DAE(ReferenceEngine):
 
     Attributes:
         method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `ReferenceEngine`.
-        drift: see `Drift`; the drift is reported whatever is chosen. By default NORMALIZE with fixed steps, where it
+        drift: see `Drift`; the drift is reported in any case. By default NORMALIZE with fixed steps, where it
             costs a few per cent and keeps long runs sound, and MONITOR with an error-controlled method.
         solver: see `Solver`.
         baumgarte_frequency, baumgarte_damping: ω [rad/s] and ζ of k_p = ω², k_d = 2 ζ ω.
@@ -85,7 +85,7 @@ class DAE(ReferenceEngine):
 
     @property
     def stepping(self) -> Stepping:
-        """How it steps, for small motions."""
+        """Integrator, step and constraint stabilization, for the stability of small motions."""
         if self.drift is not Drift.BAUMGARTE:
             return super().stepping
         # s² + k_d s + k_p = 0 of the stabilized constraints.
@@ -102,7 +102,7 @@ class DAE(ReferenceEngine):
         return self._bytes(LinkedRecords.of(structure).nq)
 
     def _as_one(self, scene: Scene) -> bool:
-        """Whether a structure is one system. In water, rods by themselves keep their lengths, so elastic ones are."""
+        """Return whether a structure is one system: so are elastic rods in water; rods alone keep their lengths."""
         wet = scene.structure.elastic.any() and any(one.adds_mass for one in scene.effects)
         return bool(wet) or self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(scene.structure)
 

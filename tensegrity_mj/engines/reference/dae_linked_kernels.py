@@ -44,7 +44,7 @@ def linked_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 
 @c_function(TIMED, "the equations of the DAE for rods that share nodes")
 def linked_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """By joint forces, in O(K)."""
+    """Compute accelerations by joint forces, in O(K)."""
     own = _LinkedView(table)
     (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     if own.wet_rods > 0:

@@ -1,4 +1,4 @@
-"""What the engines that integrate equations of their own have in common; with an accuracy, several methods."""
+"""Base of the engines that integrate equations of their own; with an accuracy, several methods."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ReferenceEngine:
 
     @property
     def stepping(self) -> Stepping:
-        """How it steps, for small motions."""
+        """Integrator and step, for the stability of small motions."""
         fixed = self.method is Method.RK4 and self.accuracy is None
         return Stepping(
             Scheme.RUNGE_KUTTA if fixed else None,
@@ -84,7 +84,7 @@ class ReferenceEngine:
         )
 
     def _described(self) -> str:
-        """The method with its step or tolerances, for people; the accuracy that chooses them."""
+        """Text of the method with its step or tolerances, or of the accuracy that chooses them."""
         if self.accuracy is not None:
             return f"accuracy {self.accuracy:g} m"
         if self.method is Method.RK4:
@@ -93,7 +93,7 @@ class ReferenceEngine:
         return f"{self.method.name}, rtol = {self.rtol:g}, atol = {self.atol:g}"
 
     def _bytes(self, nq: int) -> int:
-        """Of state, stages and matrices for nq coordinates: the same on every run."""
+        """Bytes of state, stages and matrices for nq coordinates: the same on every run."""
         size = 2 * nq + WORK
         if self.method is Method.RK4:
             return DOUBLE * RK4_VECTORS * size
@@ -106,7 +106,7 @@ class ReferenceEngine:
         raise NotImplementedError
 
     def _node_accelerations(self, run: IntegratedRun, accelerations: Array) -> Array:
-        """(N, 3) [m/s²] of q̈ (nq,) at the run's state."""
+        """Node accelerations (N, 3) [m/s²] of q̈ (nq,) at the run's state."""
         found: Array = run.records.node_accelerations(accelerations)
         return found
 

@@ -1,4 +1,4 @@
-"""What the integrators use of a model: four compiled functions, reached through addresses in the plant's table.
+"""Interface of models to the integrators: four compiled functions, reached through addresses in the plant's table.
 
     place           node positions and velocities of a state at a time, nothing else
     accelerate      q̈ into the derivative, for the forces on the nodes; leaves λ in the table
@@ -7,8 +7,8 @@
 
 Each is `int64 f(double t, int64 y, int64 dy, int64 table)`, whose integers are addresses: of the state y, of its
 derivative (for `accelerate` alone), of the plant's table. They return SOLVED or SINGULAR, or `OUTSIDE` where no nodes
-can be placed. What every model has besides is `rates`: one such function that places the nodes, lets forces act, and
-has the model accelerate. So one compiled loop serves every model, and is cached for all of them.
+can be placed. Every model also has `rates`: one such function that places the nodes, lets forces act, and has the model
+accelerate. So one compiled loop serves every model, and is cached for all of them.
 
 State y: q and q̇, the time where supports move (so that a state alone says where its nodes are), and the work integrals
 of the energy ledger, of which the last counts what moves supports and what answers accelerations, too: `state_size`
@@ -57,7 +57,7 @@ RODS = fields_of(  # of one that has rods alone and point masses
 )
 
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work
-SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state
+SINGULAR = 4  # in addition to the law's answers: the model's coordinates cannot hold this state
 OUTSIDE = -1  # nor place its nodes
 
 
@@ -122,7 +122,7 @@ def rates(t: float, y: Any, dy: Any, table: int) -> int:
 
 @inlined
 def _on_state(function: int, y: Any, table: int) -> int:
-    """What a function of the model says of a state, whose time it has where supports move."""
+    """Call a function of the model on a state, whose time it has where supports move; return its answer."""
     return call_timed(function, y[2 * ModelView(table).coordinates], address(y), 0, table) if function else SOLVED
 
 

@@ -30,7 +30,7 @@ from tensegrity_mj.engines.reference.equations import ModelView, place, project,
 
 
 class Room(NamedTuple):
-    """What a step works with, each (size,).
+    """Scratch arrays of a step, each (size,).
 
     Attributes:
         k1, k2, k3, k4: dy/dt at its stages.
@@ -95,7 +95,7 @@ def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple
         number: of the step, which ends at (number + 1) h.
 
     Returns:
-        the worst that a stage answered; how many evaluations it took, beside that of k1; whether k_end is known and
+        the worst that a stage answered; how many evaluations it took, without that of k1; whether k_end is known and
         the table's strings are those of x; what was answered there.
     """
     model = ModelView(table)

@@ -6,7 +6,7 @@ import enum
 
 
 class Method(enum.Enum):
-    """How the equations are integrated."""
+    """Integration methods of the equations."""
 
     DOP853 = "dop853"  # SciPy's explicit Runge-Kutta 8(5,3), error-controlled
     RADAU = "radau"  # SciPy's implicit Radau IIA of order 5, error-controlled, for stiff strings

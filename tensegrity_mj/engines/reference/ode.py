@@ -48,7 +48,7 @@ class ODE(ReferenceEngine):
 
     @property
     def stepping(self) -> Stepping:
-        """How it steps, for small motions."""
+        """Integrator and step in polar coordinates, for the stability of small motions."""
         return replace(super().stepping, polar=True)
 
     def working_bytes(self, scene: Scene) -> int:
@@ -56,7 +56,7 @@ class ODE(ReferenceEngine):
         return self._bytes(MinimalRecords.of(scene.structure).nq)
 
     def _node_accelerations(self, run: IntegratedRun, accelerations: Array) -> Array:
-        """r̈ and b̈ = W β̈ + Ẇ β̇ along the rods, and what moves their supports."""
+        """Node accelerations from r̈ and b̈ = W β̈ + Ẇ β̇ along the rods, and from the motions of their supports."""
         records, out = run.records, np.zeros_like(run.plant["nodes"])
         q, rates = run.y[: records.nq], run.y[records.nq : 2 * records.nq]
         node_accelerations(q, rates, accelerations, records.rods, records.points, out)
@@ -107,7 +107,7 @@ class ODE(ReferenceEngine):
 
 
 def _carried(scene: Scene) -> NDArray[np.int64]:
-    """(m, 2) of each motion: the row of the rod or of the fixed node that it moves, -1 for what it is not."""
+    """Rows (m, 2) of the rod and of the fixed node that each motion moves, -1 for the one that it does not."""
     rods = {rod.name: row for row, rod in enumerate(scene.structure.rods)}
     pairs = [
         (rods[name], -1) if name in rods else (-1, scene.structure.node_index[name])

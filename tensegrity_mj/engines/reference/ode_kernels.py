@@ -101,7 +101,7 @@ def carry_velocities(table: int) -> None:
 
 @njit
 def add_inertia_of_supports(table: int) -> None:
-    """What the accelerations of the supports do to the rods that they carry, as forces on the nodes."""
+    """Add the inertia forces that accelerated supports cause in the rods that they carry to those on the nodes."""
     own = _MinimalView(table)
     rods, carried, moved, forces = own.rods, own.carried, own.moved, own.forces
     for a in range(len(carried)):
@@ -133,7 +133,7 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: int) -> flo
 
 @c_function(TIMED, "places of nodes in the ODE")
 def ode_place(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    """And where a stage is beyond a pole.
+    """Place the nodes of a state; return OUTSIDE where a stage is beyond a pole.
 
     A fixed step cannot shorten itself: there every stage is held to what `ode_guard` requires of whole steps.
     """

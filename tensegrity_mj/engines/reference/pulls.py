@@ -1,4 +1,4 @@
-"""Whether a string that is slack at both ends of a step pulls for a moment within it.
+"""Search for strings that are slack at both ends of a step, but pull for a moment within it.
 
 Slack strings leave a motion so smooth that error-controlled steps grow long, and none of their stages may see it.
 """
@@ -22,7 +22,7 @@ LOOKS = 16  # times within a step at which such a string is looked at, and again
 def pulls_within(
     plant: Plant, start: float, end: float, before: Array, after: Array, interpolant: Callable[[], Any]
 ) -> bool:
-    """Whether any does between two times [s], by looking at states in between.
+    """Return whether any string does so between two times [s], by looking at states in between.
 
     Args:
         plant: of the run.
@@ -77,7 +77,7 @@ def _may_pull(table: int, step: float, before: Any, after: Any, near: Any) -> bo
 
 @njit
 def _look(table: int, states: Any, near: Any, longest: Any) -> bool:
-    """Whether any of the strings `near` (M,) pulls in any of the states (size, T); if not, when each is longest."""
+    """Return whether any of the strings `near` (M,) pulls in any of the states (size, T); note when each is longest."""
     plant, M = PlantView(table), len(near)
     rest, lengths = plant.rest, plant.lengths
     y, least = np.empty(states.shape[0]), np.full(M, np.inf)
