@@ -1,6 +1,6 @@
 # Sourced by demo.sh, test.sh and docs.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
 #   set_up run|docs|dev    make the virtual environment .venv, install the package in it, see to dm-control and to OpenGL
-#   see_to_compiling       compile what engines and laws call (not for the site, which compiles what its notebooks call)
+#   see_to_compiling       compile what engines and laws call (tests call all of it; the demo and the site compile what they call)
 # A second call with nothing changed installs nothing and needs no network.
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
