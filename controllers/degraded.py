@@ -144,7 +144,7 @@ def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ign
 
 
 class _Sampled:
-    """What laws made worse share: the law within, and its control period."""
+    """Base of the imperfect loops: the law within, and its control period."""
 
     law: Any
     period: float
@@ -152,7 +152,7 @@ class _Sampled:
 
     @property
     def command(self) -> Command:
-        """What the law returns."""
+        """Quantity that the law within returns."""
         return getattr(self.law, "command", Command.FORCE_DENSITY)
 
     def _around(self, inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:

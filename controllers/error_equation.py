@@ -39,7 +39,7 @@ class Angles(NamedTuple):
 
 @njit
 def angles(rod: Any, b: Any, b_rate: Any) -> Angles:
-    """Of a direction b and its rate. Planar rods have one angle, from the first of the plane's basis to the second."""
+    """Compute the angles of a direction b and their rates; a planar rod has one, from basis vector 1 towards 2."""
     if rod.nb == 2:
         first, second = column_of(rod.B, 0), column_of(rod.B, 1)
         x, y, x_rate, y_rate = dot(first, b), dot(second, b), dot(first, b_rate), dot(second, b_rate)
@@ -68,14 +68,14 @@ def _accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any, e
 
 
 class Known(NamedTuple):
-    """What the law has of structure, target and surroundings, as compiled code reads it.
+    """Structure, target and surroundings as the law knows them, for compiled code.
 
     Attributes:
         rods, points: `StructureRecords`.
         segments, ranges: (S, 2) their nodes, and (M, 2) those of each string.
         target: address of an `Aim`.
         gravity: (3,) [m/s²].
-        effects: address of what acts besides, see `known_forces`; 0 for nothing.
+        effects: address of what else acts, see `known_forces`; 0 for nothing.
         gains: (2, n): K_p and K_d.
     """
 
@@ -100,7 +100,7 @@ def _size(E: Any, r: Any, aim: Any) -> float:
 
 @inlined
 def _set_error(i: int, error: float, rate: float, needed: float, size: float, gains: Any, e: Any, d: Any) -> None:
-    """Write the error of a coordinate with its rate, and what q̈ must be beside what it is without strings."""
+    """Write the error of a coordinate with its rate, and the q̈ that the strings must add."""
     e[0, i], e[1, i] = error, rate
     d[i] = needed - (gains[0, i] * error + gains[1, i] * rate)
     if abs(d[i]) <= ROUND_OFF * gains[0, i] * size:

@@ -72,7 +72,7 @@ class StringLimits:
 
     @property
     def of_state(self) -> bool:
-        """Whether the ceilings depend on the strings' lengths."""
+        """True where the ceilings depend on the strings' lengths."""
         return bool(np.any(self.min_rest_length > -np.inf))
 
     @cached_property

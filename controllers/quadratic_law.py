@@ -1,4 +1,4 @@
-"""What the laws of chapters 5 and 6 have in common as objects: their options, and their compiled form.
+"""Common base of the laws of chapters 5 and 6: their options, and their compiled form.
 
 `quadratic_terms` has the equations.
 """
@@ -164,7 +164,7 @@ class QuadraticLaw(ModelLaw):
 
     @property
     def projected_onto(self) -> Onto | None:
-        """What errors of b are projected onto; None for no projection."""
+        """Plane that the errors of b are projected onto; None for no projection."""
         return None
 
     @cached_property
@@ -186,7 +186,7 @@ class QuadraticLaw(ModelLaw):
 
     @property
     def discontinuous(self) -> str:
-        """Why the law cannot run continuously; empty for norm 2."""
+        """Reason why the law cannot run continuously; empty for norm 2."""
         names = {1.0: "1-norm", math.inf: "∞-norm"}
         return DISCONTINUOUS.format(name=names[self.norm]) if self.norm in names else ""
 
@@ -197,7 +197,7 @@ class QuadraticLaw(ModelLaw):
 
     @cached_property
     def _known(self) -> dict[str, Any]:
-        """Of a `Known`, but for its scratch."""
+        """Return the fields of a `Known`, without its scratch."""
         own, records = self.structure, StructureRecords.of(self.structure)
         rods, points = records.rods, records.points
         limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
@@ -303,7 +303,7 @@ class QuadraticLaw(ModelLaw):
         return Terms(error, velocity, beta, f)
 
     def target_equilibrium(self) -> dict[str, Any]:
-        """Is the (last) target an equilibrium, as the theorems assume? Residual [N], u [N/m], self-stress modes."""
+        """Report if the (last) target is an equilibrium, as the theorems assume: residual [N], u [N/m], modes."""
         u, residual, modes = self._at_target
         return {"residual": residual, "force_densities": u.tolist(), "self_stress_modes": modes}
 

@@ -43,7 +43,7 @@ class Columns(NamedTuple):
 
 
 class Program(NamedTuple):
-    """What is minimised under which constraints.
+    """Objective and constraints of a quadratic program.
 
     Attributes:
         columns: of G.
@@ -184,7 +184,7 @@ def _lacking(program: Program, u: Any, size: Any, r: Any, scale: Any) -> None:
 
 @njit
 def _longest_step(program: Program, slope: float, base: float, v: Any, s: Any) -> tuple[float, float]:
-    """Where the slope of θ along a direction falls to zero: (step, 0); or where it ends to fall, and what remains.
+    """Find the step at which θ's slope along a direction falls to zero: (step, 0); or stops falling, and its rest.
 
     `slope` > 0 is that at the start, `base` what the proximal term adds to its fall; v and s are u without bounds and
     its rate.

@@ -1,4 +1,4 @@
-"""What the laws of chapters 5 and 6 share: a quadratic V of the errors and their rates, and V̇ = -δ V by strings.
+"""Terms that the laws of chapters 5 and 6 share: a quadratic V of the errors and rates, and V̇ = -δ V by strings.
 
 With e_z = z - z_d, e_b = b - b_d and their rates, V sums over the rods (5.19)
 
@@ -48,7 +48,7 @@ WORLD_GAINS = np.dtype([*((name, GAINS[name]) for name in GAINS.names or ()), *S
 
 
 class Onto(enum.Enum):
-    """What the errors of b are projected onto."""
+    """Plane that the errors of b are projected onto."""
 
     CURRENT = "current"  # b⊥, orthogonal to the rod as it is: (6.3), (6.19)
     TARGET = "target"  # b_d⊥, orthogonal to the rod as it shall be: (6.20)
@@ -73,7 +73,7 @@ class Terms(NamedTuple):
     f: Array
 
 
-# What the law has of structure, target and surroundings, and its options, as compiled code reads them.
+# Structure, target, surroundings and options of the law, as compiled code reads them.
 Known, pack_known = view_of(
     "QuadraticLaw",
     node_count="size",
@@ -86,7 +86,7 @@ Known, pack_known = view_of(
     target="size",  # address of an `Aim`: where it moves
     standing=("f8", "time_count", "member_count", 2, 3),  # and where it stands (`standing_targets`)
     gravity=("f8", 3),  # [m/s²]
-    effects="size",  # address of what acts besides, see `known_forces`; 0 for nothing
+    effects="size",  # address of what else acts, see `known_forces`; 0 for nothing
     bounds="size",  # what limits u, see `quadratic_law`
     floor=("f8", "string_count"),
     limits=("f8", 3, "string_count"),
@@ -210,7 +210,7 @@ def quadratic_terms(
 
 
 def world_gains(gains: np.ndarray[Any, Any], members: list[Any]) -> np.ndarray[Any, Any]:
-    """In world components, as if b and r were free: E X Eᵀ for z = Eᵀ r. V sees the symmetric parts of X and Z."""
+    """Turn gains to world components, as if b and r were free: E X Eᵀ for z = Eᵀ r, X and Z made symmetric."""
     found = np.zeros(len(gains), WORLD_GAINS)
     for name in GAINS.names or ():
         found[name] = gains[name]

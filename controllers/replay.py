@@ -135,7 +135,7 @@ class Replay(Cubics):
 
     @classmethod
     def of_run(cls, run: Trajectory, command: Command = Command.REST_LENGTH) -> Replay:
-        """What a run did. A sampled run is replayed held, and must have recorded every sample of what it held.
+        """Make a replay of a run. A sampled run is replayed held, and must have recorded every sample of what it held.
 
         Raises:
             OptionError: where the run held the other quantity, or recorded it too seldom.
@@ -167,7 +167,7 @@ class Replay(Cubics):
 
     @property
     def discontinuous(self) -> str:
-        """Why it cannot run continuously; empty where the values are interpolated."""
+        """Reason why it cannot run continuously; empty where the values are interpolated."""
         if not self.held:
             return ""
         return (

@@ -115,7 +115,7 @@ class AssemblyRecords:
 
     @property
     def coordinate_names(self) -> list[str]:
-        """(nq,) for people."""
+        """Names (nq,) of the coordinates, as text."""
         structure = self.structure
         rods = zip(structure.rods, self.roots, strict=True)
         members = [f"rod {rod.name}: {part}" for rod, root in rods for part in ("rb" if root >= 0 else "b")]
@@ -179,7 +179,7 @@ class _Parts:
             self.mass[one + x, other + x] = self.mass[other + x, one + x] = mass
 
     def place_rods(self) -> None:
-        """Their ends, masses and weights, by r and b of every one."""
+        """Set the ends, masses and weights of the rods in terms of each rod's r and b."""
         self.ends = np.zeros((len(self.rods), 2, 3, self.size))
         places, turns = np.zeros((2, len(self.rods), 3, self.size))
         for number in self.forest.order:
@@ -197,12 +197,12 @@ class _Parts:
         self.weights = (m * r + f * b).sum(axis=0)
 
     def keep_length(self, number: int) -> None:
-        """b of a rod is a unit vector."""
+        """Keep b of a rod a unit vector."""
         b = int(self.rods[number]["q"])
         self._pairs.append((b, b, number, 1.0, float(self.rods[number]["J"]), 0.0))
 
     def place_bodies(self) -> None:
-        """Their masses, their nodes, and their axes of unit length and across each other; held ones are no more."""
+        """Set masses and nodes of the bodies, and keep their axes orthonormal; held bodies have no coordinates."""
         for body, frame in zip(self.structure.bodies, self.structure.frames, strict=True):
             if body.held:
                 self.bases[frame.rows] = self.structure.positions[frame.rows]
@@ -229,7 +229,7 @@ class _Parts:
             self._rows.append((row / length, float(value) / length, drives))
 
     def hold_constraints(self) -> None:
-        """The structure's linear constraints on nodes, none of which is a fixed one."""
+        """Add the rows of the structure's linear constraints on nodes, none of which is a fixed one."""
         structure = self.structure
         for number, (one, row) in enumerate(zip(structure.constraints, structure.constraint_rows, strict=True)):
             linear, value = row @ self.maps.reshape(-1, self.size), row @ structure.positions.ravel()
@@ -237,7 +237,7 @@ class _Parts:
             self.hold(linear[None], np.array([value]), one.unit[None], one.name)
 
     def hold_rod(self, number: int) -> None:
-        """Its support and its plane; a rod that hangs on another has its height from that."""
+        """Add the rows of a rod's support and plane; a rod that hangs on another has no support of its own."""
         rod, record, positions = self.structure.rods[number], self.rods[number], self.structure.positions
         support = rod.support
         if self.forest.parent[number] < 0:
@@ -248,7 +248,7 @@ class _Parts:
             self.hold(np.array([support.plane]) @ self.vector(int(record["q"])), np.zeros(1))
 
     def share_nodes(self) -> None:
-        """Every node where its first member has it, and the others' points on it."""
+        """Place every node by its first member, and hold the points of the other members there."""
         for number in self.forest.order:
             for end, node in enumerate(self.structure.rod_nodes[number].tolist()):
                 gap = self.ends[number, end] - self.maps[node]
@@ -295,7 +295,7 @@ class _Parts:
 
 
 def needs_assembly(structure: Structure) -> bool:
-    """Whether a structure has members that only this form of the equations has."""
+    """Return whether a structure has bodies or constraints, which only this form of the equations can simulate."""
     return bool(structure.bodies or structure.constraints)
 
 

@@ -33,7 +33,7 @@ def place_assembly(address: int, moved: Any, q: Any, rates: Any, nodes: Any, vel
 
 @borrowing
 def _driven(system: Any, moved: Any, row: int, order: int) -> float:
-    """What the motions add to g of a row, or to its first or second derivative."""
+    """Sum of what the support motions add to g of a row, or to its first or second time derivative (`order`)."""
     total = 0.0
     for m in range(system.motion_count):
         total += dot(row_of(system.drives[row], m), row_of(moved[m], order))
@@ -100,7 +100,7 @@ def _matrix(system: Any, added: Any, q: Any, scale: Any) -> Any:
 
 @owning
 def _solve(system: Any, matrix: Any, scale: Any, x: Any) -> Any:
-    """What the scaled equations have as their solution, that of least norm where constraints depend on each other."""
+    """Solve the scaled equations; return the solution of least norm where constraints depend on each other."""
     scaled = scale * x
     if not (np.all(np.isfinite(scaled)) and np.all(np.isfinite(matrix))):  # of a run that diverges
         return np.full(len(x), np.nan)

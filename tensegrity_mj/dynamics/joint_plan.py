@@ -1,4 +1,4 @@
-"""Where everything of the system of joint forces is, for one structure (`joint_forces`)."""
+"""Layout of the linear system of joint forces for one structure; `joint_forces` solves the system."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Joints, _pack_joints = view_of(
 
 
 def plan_joints(records: LinkedRecords) -> Table:
-    """Where everything of S is, for one structure: a `Joints`."""
+    """Lay out the matrix S of one structure: return a `Joints`."""
     rods, count = records.rods, len(records.rods)
     joints = np.array(
         [

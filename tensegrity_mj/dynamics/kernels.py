@@ -73,7 +73,7 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any) -> tuple[A
 
 @inlined
 def wet_rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any) -> tuple[Any, Any]:
-    """r̈ and b̈ of one rod whose ends feel F_i = -Σ_j α_ij P a_j besides; else as `rod_accelerations`.
+    """Return r̈ and b̈ of one rod as `rod_accelerations` does, with the added mass F_i = -Σ_j α_ij P a_j at its ends.
 
     `added` is (α_11, α_12, α_21, α_22). With a_1 = r̈ - σℓ b̈, a_2 = r̈ + (1 - σ)ℓ b̈ the forces on r and b are
     -(α_rr P r̈ + α_rb P b̈) and -(α_br P r̈ + α_bb P b̈). What b may do across itself, P_B = B Bᵀ - b bᵀ/‖b‖², lies
@@ -81,7 +81,7 @@ def wet_rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added:
 
         Eᵀ (m I + α_rr P - f_r f_b / J' P_B) r̈ = Eᵀ (t_r - f_r / J' P_B t_b + f c b),  f_r = f + α_rb:
 
-    symmetric whatever α is, of as many rows as r has directions.
+    symmetric for every α, of as many rows as r has directions.
     """
     back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
     first_b, second_b = ahead * added[1] - back * added[0], ahead * added[3] - back * added[2]
@@ -241,7 +241,7 @@ def accelerations(members: Any, q: Any, rates: Any, out: Any, added: Any = None)
 
     `members` has records of `ROD` and `POINT`, gravity [m/s²], Baumgarte's gains of (3.25), zero for none, the forces,
     and λ, which are written: `rods`, `points`, `gravity`, `kp`, `kd`, `forces` and `multipliers`.
-    Returns the power [W] of added mass, whose forces are not written. With it there are `velocities` of nodes besides.
+    Returns the power [W] of added mass, whose forces are not written. With it, `members` also has nodes' `velocities`.
     """
     rods, gravity, kp, kd, power = members.rods, members.gravity, members.kp, members.kd, 0.0
     forces, multipliers = members.forces, members.multipliers

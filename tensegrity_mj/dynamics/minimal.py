@@ -138,7 +138,7 @@ def cosine_and_sine(angle: float) -> tuple[float, float]:
 
 
 class Turning(NamedTuple):
-    """Where a rod points, and how that changes.
+    """Direction of a rod, and its rate.
 
     Attributes:
         b, rate: b and ḃ = W β̇.
@@ -156,7 +156,7 @@ class Turning(NamedTuple):
 
 @njit
 def direction(rod: Any, q: Any, rates: Any) -> Turning:
-    """Of a rod's angles in q and their rates in q̇ (nq,)."""
+    """Compute a rod's direction from its angles in q and their rates in q̇ (nq,)."""
     at = rod.q + rod.nz
     if rod.nb == 2:
         c, s = cosine_and_sine(q[at])

@@ -134,7 +134,7 @@ class MemberRecords:
 
 @dataclass(frozen=True, eq=False)
 class StructureRecords(MemberRecords):
-    """Those of a structure of class 1, where every rod has z of its own: nq is that of the thesis' model (2.91)."""
+    """Records of a structure of class 1, where every rod has its own z: nq is that of the thesis' model (2.91)."""
 
     @classmethod
     def of(cls, structure: Structure) -> StructureRecords:

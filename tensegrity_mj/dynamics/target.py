@@ -1,4 +1,4 @@
-"""Where a target is at a time: set-points, paths along great circles and straight lines, curves of shapes.
+"""Position of a target at a time: set-points, paths along great circles and straight lines, curves of shapes.
 
 All move by quintics in time, and all derivatives are exact.
 """
@@ -72,7 +72,7 @@ def along_line(start: Any, end: Any, s: float, rate: float, acc: float) -> Any:
 
 @borrowing
 def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float) -> Any:
-    """The same for a unit vector turning from start to end (not opposite to it) on the great circle."""
+    """Direction, its rate and acceleration on the great circle from start to end (not opposite to it)."""
     cosine = dot(start, end)
     side = minus(end, times(cosine, start))
     sine = np.sqrt(dot(side, side))

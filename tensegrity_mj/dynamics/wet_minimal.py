@@ -21,11 +21,11 @@ from tensegrity_mj.dynamics.native.vectors import ZERO, column_of, dot, minus, p
 
 @njit
 def wet_minimal_accelerations(members: Any, q: Any, rates: Any, drives: Any, out: Any) -> None:
-    """q̈ (nq,) and λ (R,) as `minimal.minimal_accelerations`, with added mass.
+    """Compute q̈ (nq,) and λ (R,) as `minimal.minimal_accelerations` does, with added mass.
 
     Args:
-        members, q, rates, out: as there; `members` has α (R, 4) of the rods besides, `added`, and the forces (N, 3) of
-            the added mass [N], `held_mass`, which are written.
+        members, q, rates, out: as there; `members` also has `added`, the rods' α (R, 4), and `held_mass`, the forces
+            (N, 3) of the added mass [N], which are written.
         drives: (R, 3) accelerations of the frames that the rods are seen from.
     """
     rods, gravity, added, held = members.rods, members.gravity, members.added, members.held_mass

@@ -117,7 +117,7 @@ def start_ledger(table: int) -> None:
 
 @borrowing
 def winch_work(table: int, stored: float) -> float:
-    """-∫ T dL0 up to now [J], T the elastic tension; `stored` is ∫ Σ T dL, integrated beside the state.
+    """-∫ T dL0 up to now [J], T the elastic tension; `stored` is ∫ Σ T dL, integrated along with the state.
 
     Continuous: by parts, since L0 = L - T/k: -∫ T dL0 = Δ(T²/2k) - ∫ T dL (so the string energy drops out of the
     balance in this mode, which tests the rest of it). Sampled: the energy step at each jump of

@@ -42,7 +42,7 @@ class Kernel:
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """What Python calls."""
+        """Function that Python calls."""
         return self._made()
 
     @functools.cached_property
@@ -138,7 +138,7 @@ class CFunction:
 
     @property
     def is_kept(self) -> bool:
-        """Whether it need not be compiled."""
+        """True where the machine code is already on disk."""
         return kept_code(self.py_func, self.signature, self._options) is not None
 
     def ship(self, folder: Path) -> None:
@@ -153,7 +153,7 @@ class CFunction:
 
     @property
     def address(self) -> int:
-        """Of the function."""
+        """Address of the C function."""
         return self._code[1]
 
     def variable(self, name: str) -> int:
@@ -162,7 +162,7 @@ class CFunction:
 
     @functools.cached_property
     def ctypes(self) -> Any:
-        """What Python can call."""
+        """Function of ctypes, which Python can call."""
         return _c_type(self.signature)(self.address)
 
     def __call__(self, *arguments: Any) -> Any:

@@ -116,14 +116,14 @@ def yield_strings(table: int, t: float) -> None:
 
 @borrowing
 def _spent(plant: Any, m: int, longest: float) -> float:
-    """What a string that yields has lost [J], by its largest stretch."""
+    """Return the energy [J] that a string that yields has lost, from its largest stretch."""
     pull = _polygon(plant, m, longest)
     return _work(plant, m, longest) - 0.5 * pull * pull / plant.stiffness[m]
 
 
 @borrowing
 def spent_since(table: int) -> float:
-    """What strings that yield have lost [J] since the last state that was kept, where they are longer than ever now."""
+    """Sum the energy [J] that yielding strings, now longer than ever, have lost since the last state that was kept."""
     plant = PlantView(table)
     yields, broken, last, total = plant.yields, plant.broken, plant.last_stretch, 0.0
     for m in range(len(yields)):
@@ -147,14 +147,14 @@ def corner_between(plant: Any, m: int, before: float, after: float) -> float:
 
 @borrowing
 def cubic(x: float, s0: float, s1: float, d0: float, d1: float) -> float:
-    """At 0 <= x <= 1, the cubic with values s0 and s1 and derivatives d0 and d1 at 0 and 1."""
+    """Evaluate at 0 <= x <= 1 the cubic with values s0 and s1 and derivatives d0 and d1 at 0 and 1."""
     r = 1.0 - x
     return r * r * ((1.0 + 2.0 * x) * s0 + x * d0) + x * x * ((3.0 - 2.0 * x) * s1 - r * d1)
 
 
 @borrowing
 def turn_of_cubic(s0: float, s1: float, d0: float, d1: float) -> float:
-    """Where its derivative a x² + b x + d0 changes its sign, which it does once between 0 and 1."""
+    """Find the x where the cubic's derivative a x² + b x + d0 changes its sign, which it does once between 0 and 1."""
     a, b = 6.0 * (s0 - s1) + 3.0 * (d0 + d1), -6.0 * (s0 - s1) - 4.0 * d0 - 2.0 * d1
     root = np.sqrt(max(b * b - 4.0 * a * d0, 0.0))
     q = -0.5 * (b + root if b > 0.0 else b - root)
@@ -163,7 +163,7 @@ def turn_of_cubic(s0: float, s1: float, d0: float, d1: float) -> float:
 
 @borrowing
 def cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
-    """Where a cubic between two ends changes its sign."""
+    """Find the x between 0 and 1 where a cubic changes its sign, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         x = 0.5 * (low + high)
@@ -176,7 +176,7 @@ def cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
 
 @borrowing
 def dip(s0: float, s1: float, d0: float, d1: float) -> float:
-    """Where a cubic turns back that has changed its sign between two ends where it has the same; 1 for nowhere."""
+    """Find the turning point of a cubic that changes its sign twice between 0 and 1; 1 where there is none."""
     found = 1.0
     if d0 * d1 < 0.0 and (s0 > 0.0) == (s1 > 0.0) and (s0 > 0.0) != (d0 > 0.0):
         x = turn_of_cubic(s0, s1, d0, d1)

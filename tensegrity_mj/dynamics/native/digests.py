@@ -1,4 +1,4 @@
-"""What a compiled function is made of, as a digest: its own code and constants, those of what it calls, and so on."""
+"""Digest of a compiled function's content: its own code and constants, those of what it calls, and so on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 try:
-    from _blake2 import blake2b  # hashlib imports OpenSSL besides: 4 MB
+    from _blake2 import blake2b  # hashlib imports OpenSSL as well: 4 MB
 except ImportError:
     from hashlib import blake2b
 
@@ -35,7 +35,7 @@ def digest(function: Any) -> str | None:
 
 
 def used_by(function: Any) -> Iterator[Any]:
-    """All that a function calls, directly or not, as its code names it."""
+    """List all that a function calls, directly or not, as its code names it."""
     todo, seen = [python_function(function)], {python_function(function)}
     while todo:
         for one in _own(todo.pop())[1]:

@@ -142,7 +142,7 @@ def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any,
 
 @borrowing
 def held_powers(table: int) -> Any:
-    """As `let_act`, of the forces as last found, held, at the speeds of now; with what answers accelerations."""
+    """Powers [W] that the forces found last give and lose at the current velocities; added mass included."""
     plant = PlantView(table)
     velocities, given, lost = plant.velocities, 0.0, 0.0
     elements = _read_elements(plant.elements, plant.element_count)
@@ -204,7 +204,7 @@ def room_of_elements(plant: Table) -> int:
 
 @borrowing
 def set_motions(table: int, t: float) -> None:
-    """Where the moved supports are at time t, with their velocities and accelerations."""
+    """Set the displacements, velocities and accelerations of the moved supports to those at time t."""
     plant = PlantView(table)
     moved = plant.moved
     for number in range(len(moved)):
@@ -269,7 +269,7 @@ def called_back(element: Element, scene: Scene, failures: Failures) -> NativeEle
 
 
 class PackedElements:
-    """All that acts in a scene, in a plant's table; to be kept alive while the table is read.
+    """Elements of a scene, packed for a plant's table; to be kept alive while the table is read.
 
     Attributes:
         states: (4, S) of elements that have one, see `plant_view`.

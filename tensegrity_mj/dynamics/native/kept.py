@@ -63,7 +63,7 @@ def processors() -> tuple[str, ...]:
 
 
 def folders(source: str) -> tuple[Path, ...]:
-    """Where entries of functions of a source file may be, the first that can be written to being where they go.
+    """Folders that may hold compiled functions of a source file; new ones go to the first that can be written to.
 
     NUMBA_CACHE_DIR, `__pycache__` beside the source, `tensegrity-mj` in XDG_CACHE_HOME or in ~/.cache.
     """
@@ -139,7 +139,7 @@ class Code:
 
     @classmethod
     def of_entry(cls, entry: bytes) -> Code:
-        """What `entry` wrote.
+        """Read what `entry` wrote.
 
         Raises:
             ValueError: for a damaged one.
@@ -190,7 +190,7 @@ class Code:
 
 @functools.cache
 def _failing() -> tuple[Any, int]:
-    """What stands in for numba's helpers."""
+    """Make the stub that replaces numba's runtime helpers; any call of it ends the process."""
 
     def fail() -> None:
         print("tensegrity-mj: compiled code raised an exception: please report this", file=sys.stderr, flush=True)
@@ -230,7 +230,7 @@ def write_first(where: Sequence[Path], name: str, content: bytes) -> None:
 
 
 def shipped_name(function: Any, signature: str, options: dict[str, Any]) -> str | None:
-    """What an entry that comes with the package is called, whichever compiler made it."""
+    """Return the file name of an entry that comes with the package; it does not depend on the compiler."""
     return entry_name(function, f"C {signature} {processors()[-1]}", options, compiler="shipped")
 
 

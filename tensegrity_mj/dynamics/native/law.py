@@ -1,4 +1,4 @@
-"""What a control law is, and how every engine calls it.
+"""Control laws: what they are, and how every engine calls them.
 
 The simplest law is a function `law(time, nodes, velocities) -> u`: time [s], node positions and velocities
 (N, 3) in the world frame, force densities (M,) [N/m] out. A law may be any callable object, with these optional
@@ -36,7 +36,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class Command(enum.Enum):
-    """What a law returns."""
+    """Quantity that a law returns."""
 
     FORCE_DENSITY = "force density"
     REST_LENGTH = "rest length"
@@ -50,7 +50,7 @@ class Law(Protocol):
 
 
 class Report(enum.IntEnum):
-    """What a law may report of each evaluation besides its command; each is recorded, NaN where the law has none."""
+    """Numbers that a law may report of each evaluation, as well as its command; recorded, NaN where it has none."""
 
     FEASIBILITY_MARGIN = 0  # an admissible solution exists while it is > 0
     LYAPUNOV = 1  # V
@@ -76,7 +76,7 @@ class NativeLaw:
         until: [s] at which a recording ends, or None.
         kinks: [s] of a table, where what it commands is not smooth.
         gravity: [m/s²] that it accounts for, or None if it has no such notion.
-        known: what acts on nodes besides, that it accounts for: loads, resistance, water, elements.
+        known: what else acts on nodes and is accounted for: loads, resistance, water, elements.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last called, in a list of at most one text.
@@ -163,7 +163,7 @@ def native_law(
 
 
 def _description(law: Any) -> dict[str, Any]:
-    """What a law says of itself, checked before the run: it goes into files."""
+    """Return the law's description of itself, checked before the run, as it is written to files."""
     describe = getattr(law, "describe", None)
     if not callable(describe):
         return {"law": getattr(law, "__name__", type(law).__name__)}

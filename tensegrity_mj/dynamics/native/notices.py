@@ -17,7 +17,7 @@ OTHERS = "small functions that Python calls"
 
 @dataclass
 class _Block:
-    """What is compiled, when it began or for how long that has been going on, and whether it was said."""
+    """Compilation under way: of what, the seconds spent, the time since when, and whether it was reported."""
 
     what: str
     spent: float = 0.0

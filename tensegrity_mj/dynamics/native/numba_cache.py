@@ -35,10 +35,10 @@ class Files:
         return entry_name(self.function, repr((signature, processor, closure, self.inner)), self.options)
 
     def load(self, key: tuple[Any, ...]) -> Any:
-        """What was saved for a key of numba's; None if nothing was, or if it cannot be read."""
+        """Return what was saved for a key of numba's; None if nothing was, or if it cannot be read."""
         name = self._name(key)
         for folder in self.where if name else ():
-            # There is none, or whatever a damaged one makes of it: it is compiled and written again.
+            # The file is missing or damaged (any exception): the function is compiled and written again.
             with contextlib.suppress(Exception):
                 mark, _, content = (folder / str(name)).read_bytes().partition(b"\n")
                 if mark == hashed(content).encode():  # machine code with a wrong byte would end the process

@@ -1,4 +1,4 @@
-"""What every engine does around its own dynamics: strings, the law, actuation, elements, in compiled code.
+"""Compiled code that all engines share around their own dynamics: strings, the law, actuation and elements.
 
 The parts live in arrays owned by a `Plant`; compiled code reaches them through one table of sizes and addresses,
 so that an engine passes a single integer.
@@ -83,10 +83,10 @@ def _packed_curves(structure: Structure) -> dict[str, Any]:
 
 
 class Plant(Table):
-    """The table, and the arrays behind it: strings, law, actuation and elements of one run; its fields by their names.
+    """Table of one run's strings, law, actuation and elements, with the arrays behind it; its fields by their names.
 
     Attributes:
-        elements: what acts on the nodes besides.
+        elements: what else acts on the nodes.
         motions: of the supports.
     """
 
@@ -178,7 +178,7 @@ class Plant(Table):
             )
 
     def infeasible_message(self, time: float) -> str:
-        """What a run stopped by an infeasible law says."""
+        """Return the message of a run that an infeasible law has stopped."""
         text = f"the law has no admissible solution at t = {time:.6g} s"
         margin = float(self["report"][Report.FEASIBILITY_MARGIN])
         if self.law.reason:

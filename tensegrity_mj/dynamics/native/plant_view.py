@@ -74,7 +74,7 @@ PLANT = fields_of(
     element_states=("f8", 4, "element_state_count"),
     motions="size",
     moved=("f8", "motion_count", 3, 3),
-    # What is counted beside.
+    # Counters.
     watched=("f8", "string_count", WATCHED_SIZE),
     resolution=("f8", "node_count", RESOLUTION_SIZE),
     resolution_kind="state",

@@ -5,7 +5,7 @@ A law is a C function
     int64 law(double time, int64 nodes, int64 velocities, int64 context, int64 command, int64 report)
 
 whose integers are addresses of float64 arrays: nodes and velocities (N, 3) in, command (M,) and report (5,)
-(see `law.Report`) out; `context` is the address of whatever the law keeps. External forces f(t) are C functions
+(see `law.Report`) out; `context` is the address of the data that the law keeps. External forces f(t) are C functions
 `int64 forces(double time, int64 out)` that write (N, 3).
 """
 
@@ -60,7 +60,7 @@ floats, integers, octets = reader_of("f8"), reader_of("i8"), reader_of("u1")
 
 
 def call_by_address(parameters: str) -> Any:
-    """What an intrinsic (address, *arguments) -> int64 returns that calls the C function at the address.
+    """Return what numba wants of an intrinsic (address, *arguments) -> int64 that calls the C function at the address.
 
     `parameters`: a letter each, d for float64 and i for int64.
     """

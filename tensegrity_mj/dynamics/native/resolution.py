@@ -1,4 +1,4 @@
-"""What the fixed steps of a run leave unresolved, added up in compiled code while it runs, from velocities of nodes.
+"""Error estimate of a run's fixed steps, summed in compiled code during the run from the velocities of nodes.
 
 Each node has a sum of local errors [m], that of a step being what the method's own theory makes of differences:
 
@@ -32,7 +32,7 @@ X0, V0, FIRST, SECOND, THIRD, SUM, MOVED_BY, VARIED_BY, CHANGE, COUNT = 0, 3, 6,
 
 @borrowing
 def resolve_start(table: int, h: float) -> None:
-    """At the start of a step, or at its end where it is the last one; velocities are those of the state."""
+    """Update the sums at the start of a step, or at the end of the last one; velocities are those of the state."""
     plant = PlantView(table)
     nodes, velocities, rows, kind = plant.nodes, plant.velocities, plant.resolution, plant.resolution_kind
     if kind == NONE:
@@ -58,7 +58,7 @@ def resolve_start(table: int, h: float) -> None:
 
 @borrowing
 def resolve_stage(table: int, stage: int, h: float) -> None:
-    """At stage 1, 2 or 3 of a step of RK4 that `resolve_start` has begun; the last one adds the step's local error."""
+    """Record stage 1, 2 or 3 of an RK4 step that `resolve_start` has begun; the last adds the step's local error."""
     plant = PlantView(table)
     if plant.resolution_kind != STAGES:
         return

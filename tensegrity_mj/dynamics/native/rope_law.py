@@ -1,4 +1,4 @@
-"""What a law commands to a string with mass, spread over its parts, compiled.
+"""Commands of a law to a string with mass, spread over its parts, compiled.
 
 A law knows of ropes as massless strings (`Structure.massless`), and commands each as one: a force density u is one of
 the whole, T = u L with L the length of all its parts, so that its rest length is L - T/k, of which each part has its

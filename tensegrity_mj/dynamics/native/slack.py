@@ -1,4 +1,4 @@
-"""When forces of strings have kinks or jumps within a step: what every engine that splits its steps has in common.
+"""Instants within a step at which string forces have kinks or jumps; shared by all engines that split their steps.
 
 A string pulls where its margin min(k s, k s + c ds/dt) > 0, with its stretch s = L - L0: it must be taut, and a damper
 must not outweigh it. Where its tension passes a corner, a level of its stretch takes the place of zero, and where one
@@ -105,7 +105,7 @@ def _look(plant: Any, levels: Any, out: Any) -> None:
 
 @borrowing
 def _over_level(levels: Any, m: int, w: int, out: Any) -> None:
-    """Of a string's stretch and its level, in row w; a string without one is above it."""
+    """Write margin, stretch and rate of a string relative to its level in row w; without a level it counts as above."""
     stretch, speed = out[STRETCH, m], out[SPEED, m]
     if levels[w] != 0.0 and levels[w] != np.inf:
         stretch -= levels[w]
@@ -150,7 +150,7 @@ def _follows_law(plant: Any) -> bool:
 
 @borrowing
 def follows_law(table: int) -> bool:
-    """Whether rest lengths follow a law that must be evaluated."""
+    """Return whether rest lengths follow a law that must be evaluated."""
     return _follows_law(PlantView(table))
 
 
@@ -193,7 +193,7 @@ def _let_change(plant: Any) -> None:
 
 @borrowing
 def _any_changes(search: Any, state: int) -> bool:
-    """Whether any string pulls that did not, or the reverse."""
+    """Return whether any string has begun or ceased to pull."""
     pulled, now, changes = search.pulled, search.strings[state], False
     for m in range(len(pulled)):
         changes |= pulled[m] != (now[MARGIN, m] > 0.0)
@@ -202,7 +202,7 @@ def _any_changes(search: Any, state: int) -> bool:
 
 @borrowing
 def look_at_end(table: int, searched: int, h: float) -> float:
-    """What to search for in a step of h [s] that was taken whole.
+    """Decide what to search for in a step of h [s] that was taken whole.
 
     Returns:
         0 for nothing; 1 where some strings have changed at its end; otherwise the part of the step after which a
@@ -245,7 +245,7 @@ def _turn(plant: Any, search: Any, h: float) -> float:
 
 @borrowing
 def _matters(plant: Any, search: Any, h: float) -> bool:
-    """Whether any change lies far enough from the ends of the step for it to be split there."""
+    """Return whether any change lies far enough from the ends of the step for the step to be split there."""
     start, end, pulled, slack = search.strings[START], search.strings[ABOVE], search.pulled, search.slack
     any_matters = False
     for m in range(len(pulled)):
@@ -267,13 +267,13 @@ def _matters(plant: Any, search: Any, h: float) -> bool:
 
 @inlined
 def _jumps(plant: Any, m: int, slack: bool) -> bool:
-    """Whether the force of a string jumps where it changes: it has a damper, and comes taut, or that may push."""
+    """Return whether a string's force jumps where it changes: it has a damper, and it becomes taut or may push."""
     return m < plant.string_count and plant.damping[m] > 0.0 and (slack or not plant.clipped[m])
 
 
 @borrowing
 def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
-    """To what part of a step the instant of a string must be known."""
+    """Return the part of a step to which the instant of a string must be known."""
     if _jumps(plant, m, slack):
         return JUMP_WITHIN
     if _follows_law(plant):
@@ -283,7 +283,7 @@ def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
 
 @inlined
 def _by_stretch(plant: Any, search: Any, m: int) -> bool:
-    """Whether a string changes where its stretch does, the rate of which is known."""
+    """Return whether a string changes where its stretch, whose rate is known, changes its sign."""
     if rest_moves(plant):
         return False
     if m >= plant.string_count:
@@ -293,7 +293,7 @@ def _by_stretch(plant: Any, search: Any, m: int) -> bool:
 
 @borrowing
 def _copy(strings: Any, source: int, target: int) -> None:
-    """Of what a search keeps of the strings."""
+    """Copy margins, stretches and rates of the strings from one state of a search to another."""
     for k in range(3):
         for m in range(strings.shape[2]):
             strings[target, k, m] = strings[source, k, m]
@@ -321,7 +321,7 @@ def begin_search(table: int, searched: int, part: float) -> None:
 
 @borrowing
 def next_part(table: int, searched: int, h: float) -> float:
-    """What part of the step of h [s] to take next; 0 where the last that was taken is the one sought, or none is.
+    """Choose the part of the step of h [s] to take next; 0 where the last part is the one sought, or none is.
 
     By cubics of the stretches, or secants of the margins, between a part where none has changed and one where some
     have.

@@ -12,13 +12,13 @@ from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 from tensegrity_mj.model.strings import EDGE
 
-# Of BROKEN, beside 0 (whole) and 1: within a step, whether a string is taut or slack stays as it was at its start.
+# More values of BROKEN than 0 (whole) and 1: within a step, a string stays slack or taut as it was at its start.
 KEPT_SLACK, KEPT_TAUT = 2, -1
 
 
 @inlined
 def rest_moves(plant: Any) -> bool:
-    """Whether rest lengths follow a law at every stage, or lengths: then dL/dt is not the rate of a stretch."""
+    """Return whether rest lengths follow a law at every stage, or lengths: then dL/dt is not the rate of a stretch."""
     return bool((plant.mode == CONTINUOUS and not plant.suspended) or plant.holds_force_density)
 
 
@@ -38,7 +38,7 @@ def over_rest(plant: Any, m: int, moves: bool) -> float:
 
 @inlined
 def is_taut(plant: Any, m: int, moves: bool) -> bool:
-    """Whether a string is taut, or kept so."""
+    """Return whether a string is taut, or kept so."""
     state = plant.broken[m]
     return bool(state == KEPT_TAUT or (state == 0 and over_rest(plant, m, moves) > 0.0))
 

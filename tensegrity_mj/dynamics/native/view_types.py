@@ -31,7 +31,7 @@ class View(types.Type):  # type: ignore[misc]
         super().__init__(name=f"{name}{'' if fixed else ' changing'}({of})")
 
     def place(self, name: str) -> int:
-        """Where a field stands in the table; -1 for none."""
+        """Return the place of a field in the table; -1 for none."""
         return next((place for place, (key, _) in enumerate(self.fields) if key == name), -1)
 
     def type_of(self, name: str) -> Any:

@@ -53,7 +53,7 @@ def fields_of(before: Fields = (), /, **more: Field) -> Fields:
 
 @functools.cache
 def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, tuple[Any, ...]]]:
-    """Of each field by its name: place, kind ("" for an array), dtype and extents."""
+    """Return place, kind ("" for an array), dtype and extents of each field, by its name."""
     return {
         name: (place, field, None, ()) if isinstance(field, str) else (place, "", np.dtype(field[0]), field[1:])
         for place, (name, field) in enumerate(fields)
@@ -78,18 +78,18 @@ class Table:
         self.address = address_of(self.table)
 
     def place(self, name: str) -> int:
-        """Where a field stands in the table."""
+        """Return the place of a field in the table."""
         return self._layout[name][0]
 
     def __getitem__(self, name: str) -> Any:
-        """An array, or a number."""
+        """Return the array or the number of a field."""
         place, kind, _, _ = self._layout[name]
         if not kind:
             return self.arrays[name]
         return float(self._reals[place]) if kind == "real" else int(self.table[place])
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """As `set`, of one field."""
+        """Set one field, as `set` does."""
         self.set(**{name: value})
 
     def set(self, **values: Any) -> None:

@@ -1,4 +1,4 @@
-"""What strings and winches cannot do, counted at every step: rest lengths below zero, and force densities that push.
+"""Counts of impossible commands at every step: rest lengths below zero, and force densities that push.
 
 A rest length L0 <= 0 is exact in the string law, which then pulls as if there were line to spare, and impossible: no
 winch hauls in more line than there is. A force density u >= k is the same by L0 = L (1 - u/k). A negative force density
@@ -57,10 +57,10 @@ def _count(seen: Any, value: float, t: float, at: int) -> None:
 
 
 def impossible(plant: Plant) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of a plant's run so far: rest lengths that are not above zero, and commanded force densities below it.
+    """Report the rest lengths <= 0 and the commanded force densities < 0 of a plant's run so far.
 
-    Of each "steps", at how many, of the string with the most; "strings", their names, the first one first; "first_time"
-    [s]; "least", the least value [m] or [N/m] of any. See `NONE`.
+    Each has "steps", the most steps of one string; "strings", their names, the first one first; "first_time" [s];
+    "least", the least value [m] or [N/m] of any. See `NONE`.
     """
     names = [string.name for string in plant.scene.structure.strings]
     seen = plant["watched"]
