@@ -169,7 +169,7 @@ def test_the_page_states_the_shipped_tasks(name: str) -> None:
     for row, numbers in {
         "task": reach,
         "actions": [len(structure.strings)],
-        "rest lengths, of the designed ones": [
+        "rest lengths, as parts of those designed": [
             *(task.low / structure.rest_lengths),
             *(task.high / structure.rest_lengths),
         ],
