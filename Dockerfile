@@ -16,7 +16,7 @@ COPY controllers controllers
 COPY models models
 COPY scripts/compile_ahead.py scripts/
 # Machine code for any processor of this architecture goes into the package, so that no container compiles anything.
-RUN python -m pip install --no-cache-dir ".[web,data]" && python scripts/compile_ahead.py --ship && rm -rf /source
+RUN python -m pip install --no-cache-dir ".[web,data,studies,allocation,fatigue,ntrt,completion]" && python scripts/compile_ahead.py --ship && rm -rf /source
 
 WORKDIR /work
 ENTRYPOINT ["tensegrity-mj"]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_definite, instance, real_array, sequence_of, shape_of
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.controllers.allocation_options import Allocation, WhenInfeasible
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, Program, columns_of, maximize_dual
@@ -179,8 +180,7 @@ class Allocator:
 
     def _library(self, A: Array, d: Array) -> Array | None:
         """The same by daqp, a library of its own: for a full H, and where Newton's method does not settle."""
-        import daqp
-
+        daqp = optional("daqp", "this allocation of force densities", of_extra("allocation"))
         H = np.diag(self.weight) if self.weight.ndim == 1 else self.weight
         M = len(self.names)
         # Rows of one size, for a tolerance in common.

@@ -78,7 +78,7 @@ pip_install() { # python, then arguments of pip install
 }
 
 install_package() { # python run|docs|dev
-    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root") quiet=(--quiet)
+    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root[studies,allocation,fatigue,ntrt,completion]") quiet=(--quiet)
     wanted="$(fingerprint "$python" "$kind")"
     if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
         return

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.files import content_of
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.text.table import Table, shown
 
+yaml = optional("yaml", "a model of NTRT", of_extra("ntrt"))
+
 MOST_BYTES = 300_000  # of a file: NTRT's largest has 10 kB, and PyYAML reads this many in some seconds
 
 
-class _Loader(yaml.BaseLoader):  # type: ignore[misc]
+class _Loader(yaml.BaseLoader):  # type: ignore[misc,name-defined]
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
             raise yaml.MarkedYAMLError(problem="a reference (*name), which NTRT's files have not")

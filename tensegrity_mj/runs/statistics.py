@@ -20,6 +20,7 @@ import numpy as np
 from tensegrity_mj.basics import checks
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.units import quantity as shown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.variables import AXES, labels_of
@@ -80,7 +81,7 @@ class Statistics:
         Raises:
             OptionError: where there is no such signal.
         """
-        import rainflow
+        rainflow = optional("rainflow", "the count of cycles", of_extra("fatigue"))
 
         check_known(f"statistics of {self.quantity}", name, self.names, "signal")
         series = self.values[:, self.names.index(name)].tolist()

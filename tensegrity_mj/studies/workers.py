@@ -12,8 +12,10 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from functools import partial
 from typing import Any
 
+from tensegrity_mj.basics.dependencies import of_extra
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, text, whole
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.specs import is_here
 from tensegrity_mj.errors import OptionError, TensegrityError
@@ -66,9 +68,15 @@ class Workers:
         if self.backend is Backend.THIS_PROCESS:
             yield _here
         elif self.backend is Backend.PROCESSES:
-            from joblib import cpu_count
-
-            yield partial(_processes, self.count or int(cpu_count()))
+            try:
+                from joblib import cpu_count
+            except ImportError as error:
+                remedy = f"python -m pip install {of_extra('studies')}"
+                text = f"points are computed one at a time: joblib cannot be imported ({error}); {remedy}"
+                warn_caller(text, RuntimeWarning)
+                yield _here
+            else:
+                yield partial(_processes, self.count or int(cpu_count()))
         else:
             from tensegrity_mj.studies import cluster
 

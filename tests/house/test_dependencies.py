@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import study_tasks
 from packaging.markers import Marker
 from packaging.requirements import Requirement
 
+import tensegrity_mj as tmj
 from tensegrity_mj.basics import dependencies
 from tensegrity_mj.commands import doctor
 from tensegrity_mj.commands.doctor import check_dm_control, check_packages
@@ -215,3 +217,29 @@ def test_a_test_that_hangs_is_ended(tmp_path: Path, pytestconfig: pytest.Config)
     assert run.returncode == 1, run.stdout + run.stderr
     assert "1 failed, 1 passed" in run.stdout
     assert re.search(r"Timeout.*0\.5", run.stdout)
+
+
+def test_the_core_requires_fifteen_packages_at_most() -> None:
+    """Five that many users do without are extras, which the demo's environment has all the same."""
+    small = {"studies", "allocation", "fatigue", "ntrt", "completion"}
+    assert len(wanted("3.12")) <= 15
+    assert small <= set(PROJECT["optional-dependencies"])
+    script = (ROOT / "scripts" / "setup.sh").read_text(encoding="utf-8")
+    (line,) = re.findall(r'--editable "\$root\[([\w,]+)\]"\)', script)
+    assert set(line.split(",")) == small
+
+
+def test_without_the_package_of_an_extra_its_part_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("joblib", "rainflow", "daqp", "yaml"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "tensegrity_mj.exchange.ntrt_yaml", raising=False)
+    monkeypatch.delitem(sys.modules, "tensegrity_mj.exchange.ntrt", raising=False)
+    with pytest.warns(RuntimeWarning, match=r"one at a time: joblib cannot be imported.*pip install .?joblib"):
+        study = tmj.studies.run_many(study_tasks.noted, [{"x": 3.0}], None, workers=tmj.studies.Workers(2))
+    assert len(study.outcomes) == 1
+    run = tmj.simulate("prism", None, tmj.MuJoCo(1e-2), duration=0.1)
+    with pytest.raises(MissingPackageError, match="the count of cycles needs rainflow"):
+        run.statistics("tension").cycles(run.scene.structure.strings[0].name)
+    (path := tmp_path / "model.yaml").write_text("nodes: {}\n", encoding="utf-8")
+    with pytest.raises(MissingPackageError, match="a model of NTRT needs yaml"):
+        tmj.exchange.import_scene(path)

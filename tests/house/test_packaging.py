@@ -182,7 +182,7 @@ def test_the_version_is_the_same_wherever_it_stands() -> None:
     assert re.search(r"^version: (\S+)$", citation, re.MULTILINE)[1] == project()["project"]["version"]  # type: ignore[index]
     evidence = tomllib.loads((ROOT / "evidence" / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert evidence["version"] == project()["project"]["version"]
-    assert evidence["dependencies"] == [f"tensegrity-mj=={evidence['version']}"]
+    assert evidence["dependencies"] == [f"tensegrity-mj[allocation,studies]=={evidence['version']}"]
     assert f"\nlicense: {project()['project']['license']}\n" in citation
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     released = re.search(r"^## \[([\d.]+)\] - (\d{4}-\d\d-\d\d)$", changes, re.MULTILINE)  # the newest stands first
