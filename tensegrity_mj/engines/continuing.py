@@ -28,7 +28,7 @@ NUMBERS = ("yielded_at", "breaking", "suspended", "holds_force_density")
 
 @dataclass(frozen=True)
 class Start:
-    """Where a run goes on.
+    """State from which a run goes on.
 
     Attributes:
         time: [s].
@@ -58,13 +58,13 @@ class Start:
 
 
 def kept(engine: Any, plant: Table, **own: Array) -> dict[str, Any]:
-    """What `Start` puts back, as texts."""
+    """Encode as texts the state that `Start` puts back."""
     parts = {**{name: plant[name] for name in ARRAYS}, **own, **{name: [plant[name]] for name in NUMBERS}}
     return texts_of(_kind(engine), parts)
 
 
 def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
-    """Where a run goes on that an engine is to continue.
+    """Read the state from which an engine is to continue a run.
 
     Raises:
         OptionError: for another engine, and laws that keep states.
@@ -81,7 +81,7 @@ def start_of(run: Trajectory, engine: Any, law: Any) -> Start:
 
 
 def scene_at_end(run: Trajectory) -> Scene:
-    """What a run goes on with: its scene, or one that starts at its last sample where the run kept no state of its end.
+    """Return the scene to go on with: the run's, or one that starts at its last sample if it kept no state of its end.
 
     Raises:
         OptionError: for a run that ended early, and where its samples do not have all of the state.

@@ -1,4 +1,4 @@
-"""What drives a run: the grid of its steps, a stopwatch, progress, pieces between which Ctrl-C is heard."""
+"""Step grid, stopwatch, progress, and the pieces between which Ctrl-C is handled."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Grid:
 
 
 def least_width(request: Request) -> int:
-    """The numbers of a recorded row at least: too many rows are refused before their times are made."""
+    """Least number of values in a recorded row: too many rows are refused before their times are made."""
     return 6 * len(request.scene.structure.node_names)
 
 
@@ -86,7 +86,7 @@ def dividing(number: int, most: int) -> int:
 
 
 def output_times(request: Request) -> Array:
-    """Of a run without a grid (T,) [s]: multiples of the output interval, and the end."""
+    """Output times (T,) [s] of a run without a grid: multiples of the output interval, and the end."""
     interval = request.output_interval or DEFAULT_INTERVAL
     count = int(np.floor(request.duration / interval * (1 + 1e-12)))
     check_rows(count, least_width(request))
@@ -113,20 +113,20 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Since the start."""
+        """Seconds since the start."""
         return time.perf_counter() - self.start
 
 
 @contextmanager
 def progress(request: Request, label: str) -> Iterator[Callable[[float], Any]]:
-    """A bar over simulated time on stderr, silent unless requested; to be called with the time that is reached [s]."""
+    """Show a bar over simulated time on stderr if requested; call the result with the time that is reached [s]."""
     form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
     with bar(request.progress, label, total=request.duration, bar_format=form) as shown:
         yield lambda time: shown.update(time - shown.n)
 
 
 def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int], int]) -> bool:
-    """Take the steps of a grid in pieces, with progress, and Ctrl-C heard between them; whether all were taken.
+    """Take the steps of a grid in pieces, with progress and Ctrl-C between them; return whether all were taken.
 
     `advance(first, count)` takes `count` steps from number `first`, and returns the step that it has come to.
     """

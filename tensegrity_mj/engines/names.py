@@ -1,4 +1,4 @@
-"""Engines by a name and a step, as points, tables and the command line have them."""
+"""Names of engines, with a step, as points, tables and the command line have them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tensegrity_mj.engines.table import ENGINES, make_engine
 from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.scene import Scene
 
-# Those that have a fixed step, each with its name for people.
+# Those that have a fixed step, each with its displayed name.
 TITLES = {
     "euler": "MuJoCo Euler",
     "implicitfast": "MuJoCo implicitfast",
@@ -45,5 +45,5 @@ def engine_of(name: str, level: float) -> Any:
 
 
 def simulates(name: str, scene: Scene) -> bool:
-    """Whether the engine of that name simulates a scene; contact, which has no small motions, does not count."""
+    """Return whether the engine of that name simulates a scene; contact, which has no small motions, does not count."""
     return refusal(engine_of(name, 1.0), scene.with_(contact=None)) is None

@@ -38,7 +38,7 @@ def check_rows(count: float, width: int) -> None:
 
 @dataclass(frozen=True)
 class RodMotion:
-    """What λ follows from: r̈ (T, R, 3) [m/s²], and forces (T, N, 3) [N] on the nodes of contacts or constraints."""
+    """Data that λ follows from: r̈ (T, R, 3) [m/s²], and forces (T, N, 3) [N] of contacts or constraints on nodes."""
 
     r_accelerations: Array
     more_forces: Array | None = None
@@ -46,7 +46,7 @@ class RodMotion:
 
 @dataclass(frozen=True)
 class Account:
-    """What a run says of itself: how it ended, what it cost, with which options of its engine, and its own reports."""
+    """Outcome of a run: how it ended, what it cost, its engine's options and its reports."""
 
     status: Status
     message: str

@@ -1,4 +1,4 @@
-"""What a run reports of itself, and what it warns of: `Trajectory.reports`."""
+"""Reports of a run, `Trajectory.reports`, and the warnings that follow from them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
 # Part of the motion that local errors add up to, beyond which a run says that its steps resolve nothing: of RK4, whose
-# estimate falls as h⁴, and of methods of order 1. What is unresolved grows besides, up to thirtyfold in random runs
+# estimate falls as h⁴, and of methods of order 1. What is unresolved also grows, up to thirtyfold in random runs
 # near the limit of stability (test_unresolved_steps.py); the shipped scenes stay below 5e-5 at their defaults.
 RESOLUTION_WARNING, FIRST_ORDER_WARNING = 0.002, 0.01
 # What no winch can do is no error of a run: what its warnings say, which studies of errors leave out.
@@ -115,7 +115,7 @@ def _impossible_samples(run: Trajectory) -> tuple[dict[str, Any], dict[str, Any]
 
 
 def _holding_ratio(request: Request, run: Trajectory) -> float:
-    """A held rest length adds a viscosity of the order of k H (docs/laws.md): right only where this ratio is small."""
+    """Ratio that must be small for a held rest length, which adds a viscosity of the order of k H (docs/laws.md)."""
     structure, period = run.scene.structure, request.actuation.period or 0.0
     lengths = structure.string_lengths(run.nodes)
     rates = np.abs(structure.string_rates(run.nodes, run.velocities))
@@ -126,7 +126,7 @@ def _holding_ratio(request: Request, run: Trajectory) -> float:
 
 
 def _drifts(run: Trajectory) -> tuple[Array, Array]:
-    """(T, R): |bᵀb - 1| and |bᵀḃ| [1/s] of the rods, zero of elastic ones."""
+    """Drifts (T, R) of the rods, |bᵀb - 1| and |bᵀḃ| [1/s], zero of elastic ones."""
     structure = run.scene.structure
     first, second = rods.ends(structure, run.nodes)
     b = (second - first) / structure.rod_lengths[:, None]
@@ -228,7 +228,7 @@ def _law_warnings(request: Request, run: Trajectory, decay_error: float | None, 
 
 
 def _buckled(run: Trajectory) -> dict[str, Any] | None:
-    """Of each rod that is pushed with more than Euler's load of its section: when first, that push and that load [N].
+    """List rods that are pushed with more than Euler's load of their sections: when first, push and load [N].
 
     None where no rod has a section. Nothing buckles in a run: rods stay straight.
     """
@@ -268,7 +268,7 @@ def _limit_warnings(limits: dict[str, Any]) -> list[str]:
 
 
 def _string_warnings(structure: Structure, rest: dict[str, Any], pushed: dict[str, Any]) -> list[str]:
-    """Of what no string and no winch can do; the run is what the string law makes of it all the same."""
+    """Warnings about commands that no string and no winch can follow; the run goes on by the string law."""
     warnings = []
     if rest["strings"]:
         k = next(string.stiffness for string in structure.strings if string.name == rest["strings"][0])
@@ -293,7 +293,7 @@ def _named(found: dict[str, Any]) -> str:
 
 
 def _limits(request: Request, run: Trajectory) -> dict[str, Any]:
-    """For each limit that some string has: how long any string was at or beyond it, and the worst beyond it."""
+    """Report each limit that some string has: how long any string was at or beyond it, and the worst beyond it."""
     structure = run.scene.structure
     given = [name for name in LIMITS if np.isfinite(structure.limits(name)).any()]
     if not given or not len(run.time):

@@ -1,4 +1,4 @@
-"""What every engine is given and what it gives back: a request, recorded rows, and the trajectory made of them."""
+"""Input and output of every engine: a request, recorded rows, and the trajectory made of them."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class Request:
 
     @property
     def sampled(self) -> bool:
-        """Whether the law is sampled."""
+        """True where the law is sampled."""
         there = bool(self.law.address) or self.law.own is not None  # compiled, or as arrays alone
         return there and self.actuation.mode is not Mode.CONTINUOUS
 
     @property
     def begin(self) -> float:
-        """[s]: when it begins."""
+        """Time [s] at which it begins."""
         return float(self.scene.start_time) if self.start is None else self.start.time
 
     @property
     def intervals(self) -> dict[str, float]:
-        """[s] of what fixed steps divide, by what it is."""
+        """Intervals [s] that fixed steps divide, by what they are."""
         found = {"duration": self.duration}
         if self.output_interval is not None:
             found["output interval"] = self.output_interval
@@ -59,7 +59,7 @@ class Request:
 
     @property
     def kinks(self) -> list[float]:
-        """[s] where forces have kinks in any state: times of data that supports follow, or a law at every stage."""
+        """Times [s] at which forces have kinks in any state: in data of supports, or in a law at every stage."""
         times = {time for motion in self.scene.motions for time in motion.times}
         times.update(() if self.sampled else self.law.kinks)
         return sorted(time for time in times if self.begin < time < self.begin + self.duration)

@@ -1,4 +1,4 @@
-"""`require`: whether an engine, or a function that uses engines, can do a scene."""
+"""Check, by `require`, that an engine, or a function that uses engines, can do a scene."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The table of engines and of what each cannot simulate: commands, sweeps, studies and pages have their names from it.
 It imports none of them.
 
-A new engine is a folder of its own beside this file, and a row here.
+A new engine is a folder of its own next to this file, and a row here.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ ELASTIC_LIMITS = (
     Limit(ELASTIC & CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"),
     Limit(
         ELASTIC & CLASS_K,
-        "the bodies that share a node hang on each other, and none of them has a second node that moves by itself",
+        "bodies that share a node form a tree, and an elastic rod in it would need a second node that moves by itself",
         f"{_OWN_NODES}, or {_RIGID}",
         StructureError,
     ),
     Limit(
         ELASTIC_HELD_BETWEEN,
-        "its bodies slide from one of its ends on",
+        "its bodies slide along the rod, starting at one end",
         f"hold it at an end (sigma = 0 or 1), or {_RIGID}",
         StructureError,
     ),
@@ -79,8 +79,8 @@ ENGINES = {
             ),
             Limit(
                 CONSTRAINTS,
-                "their forces are found for the accelerations of the step's start, and this integrator makes its step "
-                "of others",
+                "their forces are found for the accelerations of the step's start, and this integrator does not step "
+                "with those",
                 "use Integrator.RK4 or EULER",
                 OptionError,
                 lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
@@ -100,8 +100,8 @@ ENGINES = {
             ),
             Limit(
                 ADDED_MASS,
-                "its force is found for the accelerations of the step's start, and this integrator makes its step of "
-                "others",
+                "its force is found for the accelerations of the step's start, and this integrator does not step with "
+                "those",
                 "use Integrator.RK4 or EULER",
                 OptionError,
                 lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",

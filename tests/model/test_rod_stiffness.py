@@ -111,7 +111,7 @@ REFUSED: dict[str, tuple[tmj.Scene, Any, str]] = {
     "joined": (
         soft_chain(),
         tmj.MuJoCo(1e-3),
-        "share node 'a': the bodies that share a node hang on each other, .* use DAE",
+        "share node 'a': bodies that share a node form a tree, .* use DAE",
     ),
     "between": (
         bar(tmj.Support.pinned(0.5)),

@@ -55,7 +55,7 @@ class Rung:
 
     @property
     def cost(self) -> dict[str, float]:
-        """Of the run; of what there was of it before it failed."""
+        """Cost of the run, or of the part of it before it failed."""
         run = self.run if self.run is not None else getattr(self.failure, "trajectory", None)
         return {} if run is None else dict(run.cost)
 
@@ -102,12 +102,12 @@ class Ladder:
 
     @property
     def rank(self) -> float:
-        """Of methods, by how fast their errors fall with cost."""
+        """Rank of the method, by how fast its errors fall with cost."""
         return float(self.order) if self.order else 1 / self.growth
 
     @property
     def spent(self) -> float:
-        """[evaluations] by all its runs."""
+        """Evaluations by all its runs."""
         return math.fsum(rung.evaluations for rung in self.rungs)
 
     @property
@@ -163,12 +163,12 @@ class Ladder:
 
     @property
     def resolved(self) -> bool:
-        """Whether the step of the last run is short against the fastest motion."""
+        """True where the step of the last run is short against the fastest motion."""
         return not self.order or self.good[-1].setting <= self.longest * (1 + AS_ONE)
 
     @property
     def estimate(self) -> Estimate | None:
-        """What the runs say of the last of them; None before there are two."""
+        """Estimate of the last run's error from all runs; None before there are two."""
         if not self.differences:
             return None
         found, last = self._judged(), self.good[-1].run
@@ -189,7 +189,7 @@ class Ladder:
 
     @property
     def exhausted(self) -> bool:
-        """Whether all that is wrong with the last run is round-off, so that finer ones are no better."""
+        """True where the last run's error is round-off alone, so that finer runs are no better."""
         return bool(self.differences) and max(self.differences[-1], self._first_step_error) <= self.floor
 
     @property
@@ -199,7 +199,7 @@ class Ladder:
         return SAFETY * float(last.reports.get(FIRST_STEP, 0.0))
 
     def _judged(self) -> Estimate:
-        """What the differences say of the last run, until it stopped."""
+        """Estimate of the last run's error from the differences, until it stopped."""
         last, good = self.good[-1].run, self.good[-3:]
         assert last is not None
         if not self.order:

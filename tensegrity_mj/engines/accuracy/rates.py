@@ -1,4 +1,4 @@
-"""How fast a structure can move, at its start and along a run: what steps must resolve before errors have an order.
+"""Fastest rates of a structure, at its start and along a run: steps must resolve them before errors have an order.
 
 A step that is long against a vibration damps it away or turns it the wrong way round, and half that step may do the
 same: two such runs agree, and both are wrong. So runs count as evidence only from where their steps are short against
@@ -59,7 +59,7 @@ class Rates:
 
 
 def rates_at_start(request: Request) -> Rates:
-    """Those of a request's start.
+    """Rates at a request's start.
 
     A law in force densities sets the elastic tension itself, so that the strings' stiffness does not act.
     """
@@ -71,18 +71,18 @@ def rates_at_start(request: Request) -> Rates:
 
 
 def rates_along(run: Trajectory, request: Request) -> Rates:
-    """The largest of those of a run's recorded samples."""
+    """Largest rates of a run's recorded samples."""
     return _rates(run.scene, run.nodes, run.velocities, run.tensions, stiffness_acts(request))
 
 
 def stiffness_acts(request: Request) -> bool:
-    """Whether a string's tension follows its length: not where a law sets the force density at every stage."""
+    """Return whether a string's tension follows its length: not where a law sets the force density at every stage."""
     law, mode = request.law, request.actuation.mode
     return not (law.address and law.command is Command.FORCE_DENSITY and mode is not Mode.HOLD_REST_LENGTH)
 
 
 def _rates(scene: Scene, nodes: Array, velocities: Array, tensions: Array, stiff: bool) -> Rates:
-    """Of samples (T, N, 3), (T, N, 3), (T, M)."""
+    """Rates of samples of nodes (T, N, 3), velocities (T, N, 3) and tensions (T, M)."""
     structure = scene.structure
     some = np.unique(np.linspace(0, len(nodes) - 1, LOOKED_AT).astype(int))
     vibration, decay = np.max([string_rates(structure, nodes[one]) for one in some], axis=0)

@@ -184,7 +184,7 @@ def _with_first_step(run: Trajectory, step: float, request: Request, make: Calla
 
 
 def round_off(request: Request) -> float:
-    """[m], below which differences of runs are taken for round-off."""
+    """Distance [m] below which differences of runs are taken for round-off."""
     return ROUND_OFF * float(np.max(np.abs(request.scene.nodes0), initial=1e-300))
 
 
@@ -292,7 +292,7 @@ def _reported(accuracy: float, ladder: Ladder, tried: Sequence[tuple[Ladder, Run
 
 
 def _row(ladder: Ladder, rung: Rung) -> dict[str, Any]:
-    """What is reported of one run: its setting, its cost, its difference to the coarser run before it [m]."""
+    """Report of one run: its setting, its cost, its difference from the coarser run before it [m]."""
     good = ladder.good
     number = next((index for index, one in enumerate(good) if one is rung), 0)
     offset = len(good) - len(ladder.differences)

@@ -1,4 +1,4 @@
-"""What members, elements and laws are to this engine: parameters, and functions of them and of arrays.
+"""Interface of members, elements and laws to this engine: parameters, and functions of them and of arrays.
 
 Positions x [m] and velocities v [m/s] are (N, 3, ...) with batches last, and so is what functions return. Parameters
 are arrays without a batch, or with it last. Functions are called within `jax.jit`, `jax.grad` and `jax.vmap`: they use
@@ -59,7 +59,7 @@ class ArrayLaw:
 
 
 def incidence(pairs: IntArray, count: int) -> Any:
-    """(S, N): times positions, the spans from the first to the second node of pairs (S, 2).
+    """Matrix (S, N) that takes positions to the spans from the first to the second node of pairs (S, 2).
 
     A product with it is differentiated into a product with its transpose, where a gather becomes a scatter.
     """

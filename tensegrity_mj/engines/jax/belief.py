@@ -1,8 +1,8 @@
-"""What a law believes it controls, as array functions: where rods and masses are, are to be, and how forces move them.
+"""Model that a law has of its plant, as array functions: places of rods and masses, their targets, answer to forces.
 
 A law demands something of g·a, a being the nodes' accelerations, which is linear in the force densities. With h = Aᵀ g
 for a = A F + (what velocities alone do), the forces F of strings and all else do the work h·F, so that one system of
-equations, of the rods' constraints under g in place of forces, says all that a law wants to know of its model.
+equations, of the rods' constraints under g in place of forces, gives all that a law needs of its model.
 
 A target is of waypoints, joined by straight lines and great circles, or of curves. All move by quintics in time, at
 rest at waypoints; before the first time and after the last they stand still. Rates and accelerations are derivatives of
@@ -100,7 +100,7 @@ STRAIGHT = 1e-7  # sine of an angle below which its great circle is a straight l
 
 
 def array_target(target: Target, places: Callable[[Any], Any], points: int) -> tuple[Array, Aim]:
-    """What moves a target, and where it is.
+    """Make the array that a target depends on, and the function of time that gives its place.
 
     The array is nodes (W, N, 3) [m] at the target's times, or a curve's Chebyshev coefficients (P, N, 3).
 

@@ -1,4 +1,4 @@
-"""The elements of the package as array functions: what acts on nodes beside strings, gravity and water.
+"""The elements of the package as array functions: all that acts on nodes except strings, gravity and water.
 
 Formulas are those of `model.elements`, derived again from the words there: what has a potential states it, and its
 forces come by differentiation. Functions (element, scene) -> `ArrayEffect`; see `array_effects`.
@@ -34,7 +34,7 @@ from tensegrity_mj.model.scene import Scene
 
 
 def array_effects(scene: Scene) -> list[ArrayEffect]:
-    """All that acts on the nodes of a scene (`Scene.effects`), in that order.
+    """Array functions of all that acts on the nodes of a scene (`Scene.effects`), in that order.
 
     Raises:
         ElementError: for an element without an array function, or whose function fails or returns something else.

@@ -36,14 +36,14 @@ DOPRI8_VECTORS = 20  # 14 rates, state, error, dense output
 
 
 class Method(enum.Enum):
-    """How the equations are integrated."""
+    """Integration methods of the equations."""
 
     DOPRI8 = "dopri8"  # explicit Runge-Kutta 8(7) of diffrax, error-controlled
     RK4 = "rk4"  # classical, fixed step
 
 
 class Derivatives(enum.Enum):
-    """Which way runs of DOPRI8 are differentiated; those of fixed steps are both ways."""
+    """Directions in which runs of DOPRI8 are differentiated; runs of fixed steps allow both."""
 
     REVERSE = "reverse"  # jax.grad, jax.jacrev: many parameters
     FORWARD = "forward"  # jax.jvp, jax.jacfwd: few parameters, many results
@@ -87,7 +87,7 @@ class JAX:
 
     @property
     def stepping(self) -> Stepping:
-        """How it steps, for small motions."""
+        """Integrator and step, for the stability of small motions."""
         fixed = self.method is Method.RK4
         return Stepping(Scheme.RUNGE_KUTTA if fixed else None, self.timestep)
 
@@ -98,14 +98,14 @@ class JAX:
 
     @property
     def spread(self) -> float:
-        """[s]: `window`, or its default."""
+        """Time [s] over which jumps are spread: `window`, or its default."""
         if self.window is None:
             return 0.0 if self.timestep is None else WINDOW * self.timestep
         return self.window
 
     @property
     def tolerances(self) -> Tolerances:
-        """Of DOPRI8."""
+        """Tolerances and step limit for DOPRI8."""
         import diffrax
 
         forward = self.derivatives is Derivatives.FORWARD

@@ -25,7 +25,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.engine import JAX
 
-# What runs may differ in, beside their starts, and what they may not.
+# What runs may differ in, as well as their starts, and what they may not.
 OF_STRINGS = ("stiffness", "damping", "rest_length", "force_density", "tension")
 SAME = ("gravity", "loads", "breaks", "motions", "resistance", "water", "elements")
 
@@ -64,7 +64,7 @@ class JAXEnsemble:
         self.blocks = next(count for count in wanted if len(requests) % count == 0)  # of one size, on a thread each
 
     def run(self) -> None:
-        """Simulate all; nothing is raised for what becomes of one."""
+        """Simulate all runs; a run that fails raises nothing here."""
         size, label = len(self.requests) // self.blocks, f"{self.options}, {len(self.requests)} runs"
 
         def block(number: int) -> tuple[Observed, dict[str, float], int]:
@@ -96,14 +96,14 @@ class _Member:
 
     @property
     def rows(self) -> Array:
-        """(T, 6N) positions and velocities, NaN behind its end."""
+        """Positions and velocities (T, 6N), NaN after its end."""
         T = len(self.observed.time)
         found = np.full((len(self.grid.times), 2 * self.observed.nodes[0].size), np.nan)
         found[:T] = np.stack([self.observed.nodes, self.observed.velocities], axis=1).reshape(T, -1)
         return found
 
     def conclude(self, seconds: float) -> Trajectory:
-        """Its trajectory; it raises what `JAX.run` would."""
+        """Return its trajectory; it raises what `JAX.run` would."""
         return trajectory_of(self.options, self.request, self.observed, self.cost | {"wall_time": seconds})
 
 

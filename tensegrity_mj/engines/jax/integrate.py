@@ -27,7 +27,7 @@ class Piece(NamedTuple):
 
     Attributes:
         kind: what its compiled function depends on.
-        given: the arguments of that function beside the state.
+        given: the arguments of that function in addition to the state.
         kept: which of its rows are recorded, that of its start being the first.
         end: [s].
     """
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """What becomes of a piece: the state at its end, what is observed from its start on, steps, and how it ended."""
+    """Result of a piece: the state at its end, what is observed from its start on, steps, and how it ended."""
 
     state: State
     held: Held
@@ -61,7 +61,7 @@ class FixedSteps:
         self.breaks: IntArray | None = np.where(within, steps, 2**53).astype(np.int64) if within.any() else None
 
     def pieces(self, split: Split) -> Iterator[Piece]:
-        """Of as many rows as `split` says; a shorter last row is a piece of its own."""
+        """Yield pieces of as many rows as `split` says; a shorter last row is a piece of its own."""
         rows, rest = divmod(self.grid.count, self.grid.stride)
         first = begin = self.grid.first
         for kind in chain(((size, self.grid.stride) for size in split(rows)), [(1, rest)] * (rest > 0)):
@@ -72,7 +72,7 @@ class FixedSteps:
     def advance(
         self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, first: Any
     ) -> Advanced:
-        """So many rows of so many steps from number `first` on.
+        """Take the rows and steps of a piece of this kind, from step `first` on.
 
         Derivatives backwards keep the state of every step, and take each again: what a step has in between is
         some hundred small arrays, which take longer to keep than to find again.
@@ -110,7 +110,7 @@ class FixedSteps:
 
 
 class Tolerances(NamedTuple):
-    """Of Dopri8: relative and absolute tolerance, most steps, longest step [s] or None, and diffrax' adjoint."""
+    """Tolerances of Dopri8: relative and absolute, most steps, longest step [s] or None, and diffrax' adjoint."""
 
     rtol: float
     atol: float
@@ -131,7 +131,7 @@ class ControlledSteps:
         self.begin, self.times, self.tolerances = begin, times, tolerances
 
     def pieces(self, split: Split) -> Iterator[Piece]:
-        """Of as many of the times as `split` says, and where strings break another one."""
+        """Yield pieces of as many of the times as `split` says; where strings break, a new one begins."""
         start, before = self.begin, self.breaks > self.begin
         ends = np.unique([*self.breaks[before & (self.breaks <= self.times[-1])], self.times[-1]])
         if ends[-1] in self.breaks:  # what breaks at the end is recorded as broken
@@ -156,7 +156,7 @@ class ControlledSteps:
     def advance(
         self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, given: Any
     ) -> Advanced:
-        """From the first of the times to the others; the energy of what breaks there is lost before."""
+        """Integrate from the first of the times to the others; strings that break there lose their energy before."""
         import diffrax
 
         (times, before, whole), own = given, self.tolerances
@@ -194,5 +194,5 @@ class ControlledSteps:
 
 
 def _after(first: Any, later: Any) -> Any:
-    """Arrays of all instants from those of the first and of the others."""
+    """Join arrays of the first instant and of the others."""
     return jax.tree.map(lambda one, more: jnp.concatenate([jnp.asarray(one)[None], more]), first, later)

@@ -158,7 +158,7 @@ def least_cost(h: Any, A: Any, d: Any, S: Any, s: Any, lo: Any, hi: Any) -> tupl
 
 
 def _meets(G: Any, b: Any, lo: Any, hi: Any, n: int, u: Any) -> tuple[Any, Any]:
-    """Whether u meets n equations, sums and bounds, and its largest violation of the first two."""
+    """Return whether u meets n equations, sums and bounds, and its largest violation of the first two."""
     missed = G @ u - b
     missed = missed.at[n:].set(jnp.minimum(missed[n:], 0.0))
     within = jnp.all(jnp.maximum(lo - u, u - hi) <= ACCURACY * jnp.max(jnp.abs(u)))
@@ -185,7 +185,7 @@ def _solved(K: Any, right: Any) -> Any:
 
 
 def _sides(h: Any, G: Any, b: Any, lo: Any, hi: Any) -> tuple[Any, Any]:
-    """Which of w (K,) are at their lower and at their upper bounds at the least ½ wᵀHw, h >= 0, with G w = b."""
+    """Find which w (K,) are at their lower and at their upper bounds at the least ½ wᵀHw, h >= 0, with G w = b."""
     capped, fixed = jnp.isfinite(hi), hi <= lo
     width = jnp.where(capped, hi - lo, jnp.inf)
     rest = jnp.abs(b - G @ lo) / jnp.sqrt(jnp.maximum(jnp.sum(G * G, axis=1), jnp.finfo(float).tiny))

@@ -16,13 +16,13 @@ from tensegrity_mj.engines.jax.system import Mobility, System
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 
-# The works [J] that are integrated or counted beside the motion; and VOID, above zero where a law had no command.
+# The works [J] that are integrated or counted along with the motion; and VOID, above zero where a law had no command.
 STORED, LOST, EXTERNAL, WINCH, VOID = range(5)
 WORKS = 5
 
 
 class State(NamedTuple):
-    """What is integrated: s and ṡ of `System`, and the works [J] (5, ...)."""
+    """State that is integrated: s and ṡ of `System`, and the works [J] (5, ...)."""
 
     places: Any
     rates: Any
@@ -30,14 +30,14 @@ class State(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What is held from sample to sample: rest lengths or force densities (M, ...), and the law's report (5, ...)."""
+    """Values held from sample to sample: rest lengths or force densities (M, ...), and the law's report (5, ...)."""
 
     command: Any
     report: Any
 
 
 class Observed(NamedTuple):
-    """What is recorded at an instant; of a run, with times first.
+    """Record of an instant; of a run, with times first.
 
     Attributes:
         time: [s].
@@ -65,7 +65,7 @@ class Observed(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """What parameters give once and for all: W and its like."""
+    """Parameters, and the mobility W that follows from them where it does not change within a run."""
 
     parameters: Arrays
     mobility: Mobility | None
@@ -102,12 +102,12 @@ class Model:
         }
 
     def own_parameters(self, scene: Scene) -> dict[str, Any]:
-        """What scenes that share a model may differ in: their starts, and the numbers of their strings."""
+        """Parameters in which scenes that share a model may differ: their starts, and the numbers of their strings."""
         start = {"nodes": np.array(scene.nodes0), "velocities": np.array(scene.velocities0)}
         return self.strings.parameters(scene.structure) | start
 
     def prepare(self, parameters: Arrays) -> Prepared:
-        """What does not change within a run."""
+        """Compute what does not change within a run."""
         return Prepared(parameters, None if self.system.wet else self.system.mobility(parameters))
 
     def start(self, at: Prepared) -> tuple[State, Held]:
@@ -247,7 +247,7 @@ class Model:
         return self.evaluate(at, t, state, held, whole)[0]
 
     def step(self, at: Prepared, t: Any, h: float, state: State, held: Held, whole: Any) -> State:
-        """A step of classical Runge-Kutta, and lengths as they are to be."""
+        """Make one step of classical Runge-Kutta, then project the state onto the constraints."""
         add: Callable[..., Any] = lambda x, k, f: jax.tree.map(lambda a, b: a + f * b, x, k)  # noqa: E731
         one = self.rates(at, t, state, held, whole)
         two = self.rates(at, t + 0.5 * h, add(state, one, 0.5 * h), held, whole)
@@ -257,7 +257,7 @@ class Model:
         return self.projected(at, t + h, add(state, mean, h))
 
     def projected(self, at: Prepared, t: Any, state: State) -> State:
-        """With rods as long, and bodies as rigid, as they are."""
+        """Project the state onto the constraints: rod lengths and rigid bodies."""
         if not len(self.system.pairs):
             return state
         _, _, (y, rates, (place, rate, _)) = self._nodes(t, state)
@@ -266,7 +266,7 @@ class Model:
         return state._replace(places=self.system.reduced(y, place), rates=self.system.reduced(rates, rate))
 
     def lose(self, at: Prepared, t: Any, state: State, held: Held, whole: Any, left: Any) -> State:
-        """The energy of the strings that break is lost: those of `whole` (M,) that are not `left`."""
+        """Count as lost the energy of the strings that break: those of `whole` (M,) that are not `left`."""
         x, v, _ = self._nodes(t, state)
         lengths = self.strings.measure(x, v)[0]
         rest = self._rest(at, t, x, v, lengths, held)[0]

@@ -1,4 +1,4 @@
-"""A law of one's own as an array function, for every engine."""
+"""User-defined laws as array functions, for every engine."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ArrayPolicy:
 
     @property
     def name(self) -> str:
-        """That of the function."""
+        """Name of the function."""
         return getattr(self.function, "__name__", type(self.function).__name__)
 
     @cached_property

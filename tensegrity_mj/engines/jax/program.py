@@ -125,7 +125,7 @@ FORWARD = 'DOPRI8 differentiates backwards (jax.grad, jax.jacrev) unless it is m
 
 
 class Program:
-    """What `JAX.model` gives: `parameters`, `times` (T,) [s], and `run`.
+    """Run as a function of its parameters, made by `JAX.model`: `parameters`, `times` (T,) [s], and `run`.
 
     Attributes:
         parameters: of the scene and its law as they are; see `Model`.
@@ -253,7 +253,7 @@ class Program:
 
 
 def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
-    """What a run begins with."""
+    """Return what a run begins with: what is prepared, the state, and the values held."""
     at = model.prepare(parameters)
     return at, *model.start(at)
 
@@ -296,8 +296,8 @@ def pieces(rows: int, most: list[int]) -> Iterator[int]:
 
 
 def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
-    """A function compiled for arguments like these; who waits long for it reads why."""
-    from tqdm import tqdm  # which writes beside its bars
+    """Compile a function for arguments like these; if it takes long, print why."""
+    from tqdm import tqdm  # which writes next to its bars
 
     words = "tensegrity-mj: JAX prepares this run; what it compiles is kept for the next process"
     timer = threading.Timer(QUIET, lambda: tqdm.write(words, file=sys.stderr))

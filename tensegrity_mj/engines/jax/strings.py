@@ -3,7 +3,7 @@
 When a damped string comes taut its tension jumps from 0 to c dL/dt. A state x(t; p) that goes through a jump Δf of its
 rate at the instant where s(x) = 0 keeps the derivative δx⁺ = δx⁻ + Δf δs/ṡ (the saltation of Aizerman and Gantmacher),
 which differentiating the steps misses: each is on one side of the jump. Here the tension has the derivative
-Δf δ_w(s) ds besides, with a kernel of integral one over a time w, so that the steps within sum up to the jump's term.
+Δf δ_w(s) ds as well, with a kernel of integral one over a time w, so that the steps within sum up to the jump's term.
 The value is that of the law, without any ramp.
 
 Tension curves are functions of the stretch s = L - L0. A string of stiffness k has T = k Σ_p ρ_p b_p over the pieces p
@@ -25,7 +25,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class Curves:
-    """Those of a structure's M strings, none of which yields, with at most P pieces each.
+    """Tension curves of a structure's M strings, none of which yields, with at most P pieces each.
 
     Functions take as parameters `stiffness` (M,) [N/m], zero of constant forces, and these as `constant_forces` (M,)
     [N], zero of the others, where `linear` is false.
@@ -70,7 +70,7 @@ class Curves:
         return tension, k * jnp.sum((heights + 0.5 * slopes * b) * b, axis=1) + constant * s
 
     def stretch(self, p: Arrays, tension: Any) -> Any:
-        """(M, ...) [m] at which strings first have tensions (M, ...) [N], below zero by k.
+        """Stretches (M, ...) [m] at which strings first have tensions (M, ...) [N], below zero by k.
 
         Of one that stays below, the start of its last piece; of a constant force 0; of ∞ as a tension ∞.
         """
@@ -133,7 +133,7 @@ class Strings:
         return elastic, tension + _jump(stretch, jump, rates, self.window)
 
     def energy(self, p: Arrays, lengths: Any, rest: Any, whole: Any) -> Any:
-        """What strings have stored (M, ...) [J]."""
+        """Energy stored in the strings (M, ...) [J]."""
         return lifted(whole, lengths) * self.curves.pull(p, lengths - rest)[1]
 
     def rest_lengths(self, p: Arrays, lengths: Any, densities: Any) -> Any:
@@ -154,7 +154,7 @@ class Strings:
 
 @jax.custom_jvp
 def _jump(stretch: Any, jump: Any, rates: Any, window: Any) -> Any:
-    """Nothing, with the derivative jump · δ_w(stretch)."""
+    """Return zeros whose derivative is jump · δ_w(stretch)."""
     return _nothing(stretch)
 
 

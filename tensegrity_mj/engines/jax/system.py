@@ -35,7 +35,7 @@ REDUNDANT = 1e-11  # of eigenvalues, squares of singular values, of constraints 
 
 
 class Place(NamedTuple):
-    """What is prescribed at an instant: G⁺ g (C, 3) and x_f (N, 3), or a derivative of these."""
+    """Places prescribed at an instant: G⁺ g (C, 3) and x_f (N, 3), or a derivative of these."""
 
     vectors: Any
     nodes: Any
@@ -43,7 +43,7 @@ class Place(NamedTuple):
 
 class Mobility(NamedTuple):
     """W (C, 3, C, 3, ...), or (C, C) where it is the same in all directions; E W Eᵀ likewise; M (C, C); and what
-    answers accelerations besides (C, 3, C, 3, ...), or None."""
+    also answers accelerations (C, 3, C, 3, ...), or None."""
 
     whole: Any
     between: Any
@@ -51,19 +51,19 @@ class Mobility(NamedTuple):
     added: Any = None
 
     def answer(self, accelerations: Any) -> Any:
-        """Of what is added (C, 3, ...) [N], to accelerations of the vectors."""
+        """Forces (C, 3, ...) [N] by which added mass answers accelerations of the vectors."""
         return -_applied(self.added, accelerations)
 
     @property
     def transposed(self) -> Mobility:
-        """Of Wᵀ: added mass need not be symmetric."""
+        """Mobility of Wᵀ: added mass need not be symmetric."""
         if self.whole.ndim == 2 or self.added is None:
             return self
         order = (2, 3, 0, 1, *range(4, self.whole.ndim))
         return self._replace(whole=self.whole.transpose(order), between=self.between.transpose(order))
 
     def inertia(self, accelerations: Any) -> Any:
-        """Of all (C, 3, ...) [N]."""
+        """Inertia forces of all masses (C, 3, ...) [N]."""
         own = times(self.mass, accelerations)
         return own if self.added is None else own - self.answer(accelerations)
 
@@ -202,7 +202,7 @@ class System:
         return M + constant
 
     def mobility(self, parameters: Arrays, added: Any = None) -> Mobility:
-        """W, E W Eᵀ and M of masses; `added` (C, 3, C, 3, ...) of what answers accelerations besides."""
+        """W, E W Eᵀ and M of masses; `added` (C, 3, C, 3, ...) of what also answers accelerations."""
         M = self.mass(parameters)
         if added is None and self.free is None:
             inverse = jnp.linalg.inv(M)
@@ -215,7 +215,7 @@ class System:
         return Mobility(W, jnp.einsum("vc,cidj...,wd->viwj...", self.spans, W, self.spans), M, added)
 
     def prescribed(self, t: Any) -> tuple[Place, Place, Place]:
-        """Where supports and fixed nodes have what hangs on them at a time [s], and the first two derivatives."""
+        """Places prescribed by supports and fixed nodes at a time [s], and their first two derivatives."""
 
         def place(t: Any) -> Place:
             if self.still:
@@ -317,7 +317,7 @@ class System:
         return jnp.moveaxis(found, 0, -1).reshape(right.shape)
 
     def added(self, alpha: Any, x: Any) -> Any:
-        """(C, 3, C, 3, ...) [kg] of α (R, 2, 2, ...) across rods at nodes x: what `mobility` takes."""
+        """Added mass (C, 3, C, 3, ...) [kg], for `mobility`, of α (R, 2, 2, ...) across rods at nodes x."""
         spans = times(incidence(self.structure.rod_nodes, len(x)), x)
         d = spans / jnp.sqrt(jnp.sum(spans**2, axis=1, keepdims=True))
         across = lifted(np.eye(3)[None], d[:, None]) - d[:, :, None] * d[:, None, :]  # P = 1 - d dᵀ

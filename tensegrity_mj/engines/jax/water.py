@@ -43,7 +43,7 @@ STEPS = 5  # of Newton's method for k, from 6 % off: it squares the error each t
 
 
 class _Fixed(NamedTuple):
-    """What is not a parameter, of R rods and then the pieces of the paths of strings that take drag: M members."""
+    """Constants, not parameters, of R rods and then the pieces of the paths of strings that take drag: M members."""
 
     water: Water
     ends: tuple[Array, Array]  # (M, N) each: they take the first and the second nodes
@@ -125,7 +125,7 @@ def _total(sizes: list[Any], fields: Any) -> Any:
 
 
 def _components(fixed: _Fixed, p: Arrays) -> list[Waves]:
-    """Those waves that have a wavelength, those that have a frequency, and those of the irregular sea."""
+    """Make the waves that have a wavelength, those that have a frequency, and those of the irregular sea."""
     found, h, g, sea = [], p.get("depth"), fixed.gravity, fixed.water.sea
     for name in ("wavelength", "angular_frequency"):
         rows = [row for row, wave in enumerate(fixed.water.waves) if getattr(wave, name) is not None]
@@ -161,7 +161,7 @@ def wave_number(frequency: Any, gravity: float, depth: Any) -> Any:
 
 
 def _series() -> Array:
-    """(TERMS, 4) E, P, Q and R as polynomials of 8 δ²/π² - 1, the highest power first; their integrals by Gauss's rule.
+    """E, P, Q and R (TERMS, 4) as polynomials of 8 δ²/π² - 1, the highest power first; integrated by Gauss's rule.
 
     With φ = δ λ, -1 <= λ <= 1, x = (cos φ - cos δ) / sin² δ and σ = sin φ / δ: E = sinc δ ∫ x σ² dλ,
     P = ∫ x (cos φ + cos δ) cos² φ, Q = ∫ x (σ² (5 cos φ + cos δ) - x sinc² δ cos² φ), R = ∫ x² sinc² δ σ².
@@ -191,7 +191,7 @@ SERIES = _series()
 
 
 def wet_part(u: Any) -> tuple[Any, Any]:
-    """Which part of a segment is under water, and how far along the segment the centre of that part is.
+    """Part of a segment that is under water, and the place of that part's centre along the segment.
 
     Between its ends' u (2, ...) a segment is a piece inside -1 < u < 1 (the module's formulas), and what is dry or
     under water outside, at either end. Ends at u = ±1 are outside in value and derivative alike.
@@ -271,7 +271,7 @@ def _force(fixed: _Fixed, p: Arrays, t: Any, x: Any, v: Any) -> Any:
 
 
 def _alpha(fixed: _Fixed, p: Arrays, t: Any, x: Any) -> Any:
-    """(R, 2, 2, ...) [kg]: Σ C_a m h_i n_j, a load's weights h by places' weights n, of accelerations."""
+    """Added mass (R, 2, 2, ...) [kg]: Σ C_a m h_i n_j, a load's weights h by places' weights n, of accelerations."""
     batch, R, (p, t, x) = x.shape[2:], len(fixed.lengths), _flat(fixed, p, t, x)
     wet = _wet(fixed, _components(fixed, p), p, t, x)
     mass, (n, h) = p["added_mass"] * wet.mass, (jnp.concatenate([1 - s, s], 2) for s in (wet.place, wet.share))
