@@ -1,4 +1,4 @@
-"""What clearance reports: approaches of elements, stretches of time in which they are near, and all of a motion."""
+"""Results of a clearance search: approaches of elements, stretches of time in which they are near, and the whole."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Pairs(enum.Enum):
 
 @dataclass(frozen=True)
 class Approach:
-    """Where two elements are nearest to each other.
+    """Place and time at which two elements are nearest to each other.
 
     Attributes:
         kind: of the two elements; a rod comes before a string.

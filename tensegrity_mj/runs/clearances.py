@@ -193,7 +193,7 @@ class ClearanceSearch:
             yield Event(self._sharpened(pair, tuple(place), span), *span, tuple(times))
 
     def _interpolation_error(self) -> float:
-        """Of distances [m]: twice that of a node, whose cubics over h err by h⁴/384 times its fourth derivative.
+        """Error of distances [m]: twice a node's, whose cubics over h err by h⁴/384 times its fourth derivative.
 
         Over two intervals h₀ and h₁ the error at the sample between is h₀² h₁² / 24 times that derivative.
         """
@@ -210,7 +210,7 @@ class ClearanceSearch:
         return float(2 * errors.max(initial=0.0))
 
     def _planar(self) -> bool:
-        """Whether one plane holds all nodes at all times."""
+        """Return whether one plane holds all nodes at all times."""
         points = self.positions.reshape(-1, 3)
         if len(points) < 4:
             return True

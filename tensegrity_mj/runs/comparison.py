@@ -1,4 +1,4 @@
-"""How far two trajectories of one experiment are apart, and since when."""
+"""Differences of two trajectories of one experiment, and the times from which they exceed a tolerance."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Comparison:
         return times
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values: the maxima, the RMS, and when each was first exceeded; and what is known of a table besides."""
+        """Plain values: the maxima, the RMS, when each was first exceeded, and what else is known of a table."""
         return {
             **{f"max_{name}": getattr(self, f"max_{name}") for name in self.NAMES},
             "rms_node_error": self.rms_node_error,

@@ -1,4 +1,4 @@
-"""How wrong a run is, judged from runs of the same experiment with other steps: differences, Richardson, and doubt.
+"""Error of a run, judged from runs of the same experiment with other steps: differences, Richardson, and doubt.
 
 Only trajectories are needed, of whichever engine. For a method of order p, the largest node error of a run with step h
 is close to C h^p. Two runs then differ by d = C (h1^p - h2^p), and the finer is wrong by d / ((h1/h2)^p - 1). Three
@@ -41,7 +41,7 @@ def orders_between(steps: Sequence[float], errors: Sequence[float], floor: float
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the runs say about the finest of them.
+    """Estimate of the error of the finest of several runs.
 
     Attributes:
         value: upper estimate of its largest node error over the run [m]; infinite where runs ended differently.
@@ -79,7 +79,7 @@ def node_difference(a: Trajectory, b: Trajectory) -> float:
 
 
 def way_of(nodes: Array) -> float:
-    """How far a node came from its start [m], the most of all, of nodes (T, N, 3)."""
+    """Largest distance [m] of a node from its start, of nodes (T, N, 3)."""
     return float(np.max(np.linalg.norm(nodes - nodes[:1], axis=-1), initial=0.0))
 
 
@@ -126,7 +126,7 @@ def highest_order(run: Trajectory, order: int) -> int:
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether a string that pulls at some recorded time does not at another, was slack between two, or passed a corner.
+    """Return whether a string pulls at some samples and not at others, was slack between two, or passed a corner.
 
     By tensions: where a damper would push, a string has none although its u > 0.
     """
@@ -134,13 +134,13 @@ def has_kinks(run: Trajectory) -> bool:
 
 
 def pieces_along(run: Trajectory) -> NDArray[np.intp]:
-    """(T, M) on which piece of its tension curve each string is."""
+    """Numbers (T, M) of the piece of its tension curve that each string is on."""
     structure = run.scene.structure
     return structure.curves.pieces(structure.string_lengths(run.nodes) - run.rest_lengths)
 
 
 def _passes_corners(run: Trajectory) -> bool:
-    """Whether a string was on two pieces of its tension curve, or yielded."""
+    """Return whether a string was on two pieces of its tension curve, or yielded."""
     structure = run.scene.structure
     if structure.curves.linear:
         return False
@@ -149,7 +149,7 @@ def _passes_corners(run: Trajectory) -> bool:
 
 
 def _slack_between(run: Trajectory) -> bool:
-    """Whether a string that pulls at two samples in a row turned by more than a right angle and was slack on the way.
+    """Return whether a string that pulls at two samples in a row turned by over a right angle, slack on the way.
 
     Its second node then passed its first one, as seen from there: on a straight line at less than the rest length. Of
     a path, any segment may have turned.
@@ -185,7 +185,7 @@ def judge(
         steps: falling [s].
         order: of the method on smooth motion.
         floor: differences below it are taken for round-off [m].
-        highest: order that the motion allows, see `highest_order`; the method's by default. More is by chance.
+        highest: order that the motion allows, see `highest_order`; the method's by default. More is a coincidence.
         kinks: whether forces have kinks. The error then depends on where in the steps these lie, and steps that end
             there may be the same in two runs, which then are wrong alike: two runs are no evidence, and of three no
             order above 1 counts.
@@ -210,13 +210,13 @@ def judge(
             f"runs differ by {before:.2g} m and then by {d:.2g} m: the difference does not fall with the step",
         )
     allowed = order if highest is None else highest
-    # Two runs may agree by chance, most easily about a kink: the last difference cannot be less than what the one
+    # Two runs may happen to agree, most easily about a kink: the last difference cannot be less than what the one
     # before becomes at full order, or at one order more than the motion allows.
     full = min(order, allowed + 1)
     expected = before * (ratio**full - 1) / (ratio_before**full - 1) * ratio**-full
     used, words = min(observed, float(allowed)), f"an order of {observed:.2g}"
     if observed >= order + 1:
-        # The coarsest run was beyond what orders describe, and says nothing of the others; or they agree by chance.
+        # The coarsest run was beyond what orders describe, and says nothing of the others; or they happen to agree.
         used, words = 1.0, "faster than the method can; an order of 1 is assumed"
         expected = expected if kinks else d
     elif kinks and used > 1:

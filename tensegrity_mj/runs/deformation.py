@@ -1,4 +1,4 @@
-"""How far a tower is bent: the deformation measure of the thesis, section 7.2.3 and figure 7.7.
+"""Bending of a tower: the deformation measure of the thesis, section 7.2.3 and figure 7.7.
 
 Where two stages meet, six nodes stand in a hexagon: t of the one and b of the next. Their mean is the centre of that
 interconnection. D(i, j) is the distance of the i-th centre from the straight line through the first and the last one,
@@ -19,7 +19,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 
 def is_tower(structure: Structure) -> bool:
-    """Whether nodes have the names of a tower's, of four stages or more."""
+    """Return whether nodes have the names of a tower's, of four stages or more."""
     return _stages(structure) >= 4
 
 
@@ -44,20 +44,20 @@ def interconnections(structure: Structure) -> list[list[int]]:
 
 
 def _stages(structure: Structure) -> int:
-    """Of a tower; 0 for any other structure."""
+    """Number of stages of a tower; 0 for any other structure."""
     count, left = divmod(len(structure.nodes), 6)
     wanted = {f"{kind}{s}_{i}" for s in range(1, count + 1) for kind in "bt" for i in (1, 2, 3)}
     return count if not left and wanted == set(structure.nodes) else 0
 
 
 def centres(nodes: ArrayLike, groups: Sequence[Sequence[int]]) -> Array:
-    """(..., I, 3) [m]: the mean positions of groups of nodes (..., N, 3)."""
+    """Mean positions (..., I, 3) [m] of groups of nodes (..., N, 3)."""
     places = np.asarray(nodes, float)
     return np.stack([places[..., list(group), :].mean(axis=-2) for group in groups], axis=-2)
 
 
 def distances_from_line(points: ArrayLike) -> Array:
-    """(..., I) [m]: of points (..., I, 3) from the line through the first and the last of them.
+    """Distances (..., I) [m] of points (..., I, 3) from the line through the first and the last of them.
 
     Where these two are in one place there is no line, and the distance is that from the place.
     """

@@ -1,4 +1,4 @@
-"""What two runs may differ in: one table for comparisons, and for commands, plots and pages that show them."""
+"""Quantities in which two runs may differ: one table for comparisons, commands, plots and pages."""
 
 from __future__ import annotations
 

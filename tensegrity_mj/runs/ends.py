@@ -16,7 +16,7 @@ MAY_BE_NAN = "report"  # what laws report
 
 
 def texts_of(engine: str, parts: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """What `parts_of` reads."""
+    """Encode an end as texts, which `parts_of` reads."""
     found = {name: np.array(part, float) for name, part in parts.items()}
     coded = {name: base64.b64encode(part.tobytes()).decode() for name, part in found.items()}
     return {"engine": engine, "sizes": {name: part.size for name, part in found.items()}, **coded}

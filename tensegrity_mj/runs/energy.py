@@ -1,4 +1,4 @@
-"""Whether a run has diverged, and how much energy it moved: what its balance is to be held against."""
+"""Divergence of a run, and the energy that it moved, against which its balance is to be held."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tensegrity_mj.runs.variables import LAW_REPORTS, variables_of
 ENERGY_BOUND = 2.0
 WINCH_BOUND = 10.0  # where winches work
 # In the continuous mode: this part of all the energy that was exchanged. Measured on the prism and the pinned rod with
-# every integrator: a coarse step gains up to 0.87 of it, past the limit it is 0.95 to 1.5 whatever the garbage's size.
+# every integrator: a coarse step gains up to 0.87 of it, past the limit it is 0.95 to 1.5 for errors of any size.
 GAIN_BOUND = 0.9
 STRAIN_BOUND = 0.5
 BEYOND = 1e10  # m, m/s: mjMAXVAL, what MuJoCo takes for a divergence too; it zeroes all controls for one of them
@@ -94,7 +94,7 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
     given_back = np.maximum.accumulate(run.dissipation) - run.dissipation
     gained = run.energy_balance + (given_back if dampers_as_recorded else -run.dissipation)
     if run.provenance["actuation"]["mode"] == Mode.CONTINUOUS.value and np.any(run.winch_work):
-        # Winch work by parts contains the strings' work itself, which grows with whatever garbage there is: held
+        # Winch work by parts contains the strings' work itself, which grows with any error: held
         # against what was exchanged, or what strings hold at the start or bent joints at any time, if that is more.
         stored = np.maximum.accumulate(np.maximum(np.abs(run.element_energy), run.string_energy[0]))
         bound, given = GAIN_BOUND, np.maximum(energy_exchanged(run), stored)
@@ -111,7 +111,7 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
 
 
 def energy_unresolved(run: Trajectory) -> float:
-    """[J]: a residual that says nothing of the motion: round-off of sums of energies, and of places where forces act.
+    """Residual [J] that round-off explains: of sums of energies, and of places where forces act.
 
     A place is known to 1e-16 of its coordinates, and the energy to that times the force; steps add up as a random walk.
     Measured on random prestressed structures: up to 1e-16 of forces times coordinates in 1000 steps. To it comes what
@@ -142,7 +142,7 @@ def energy_unresolved(run: Trajectory) -> float:
 
 
 def _energy_given(run: Trajectory) -> Array:
-    """(T,) [J]: the initial energy and the largest works of winches, loads and gravity up to each time."""
+    """Initial energy plus the largest works of winches, loads and gravity up to each time (T,) [J]."""
     given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0] + run.element_energy[0])
     for term in (run.winch_work, run.external_work, run.gravity_energy - run.gravity_energy[0]):
         given += np.maximum.accumulate(np.abs(term))
@@ -150,7 +150,7 @@ def _energy_given(run: Trajectory) -> Array:
 
 
 def energy_exchanged(run: Trajectory) -> Array:
-    """(T,) [J]: how much energy was on the move up to each time, which an error of the energy is to be held against.
+    """Energy (T,) [J] that was exchanged up to each time, against which an error of the energy is to be held.
 
     The largest of the kinetic energy, of the works of strings, gravity and bent joints since the start, of the work of
     loads, contact and supports, and of what dampers took. Energy that strings only store is none of it: prestress may

@@ -33,7 +33,7 @@ HIGHEST = 0.39  # A of the depth: a height of 0.78 of it
 
 @dataclass(frozen=True, eq=False)
 class FlowNumbers:
-    """What kind of flow the rods of a run were in.
+    """Reynolds and Keulegan-Carpenter numbers of the flow around the rods of a run.
 
     Attributes:
         reynolds, keulegan_carpenter: (R,) of the flow that the rods meet; KC is NaN of rods that meet no waves.
@@ -144,7 +144,7 @@ def _beyond_linear_theory(run: Trajectory) -> list[str]:
 
 
 def _component(run: Trajectory, number: int) -> str:
-    """What messages call a component of the water."""
+    """Name of a component of the water in messages."""
     assert run.scene.water is not None
     own = len(run.scene.water.waves)
     return f"waves[{number}]" if number < own else f"component {number - own} of the sea"

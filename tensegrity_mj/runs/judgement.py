@@ -61,7 +61,7 @@ class Verdict:
 
 
 def judge(name: str, value: float, bound: float, unit: str = "", doubts: Sequence[str] = ()) -> Verdict:
-    """Bad beyond the bound and for NaN, limited where there are doubts, else good."""
+    """Judge a value: bad beyond the bound and for NaN, limited where there are doubts, else good."""
     reason = in_short(doubts)
     if not value <= bound:
         return Verdict(BAD, name, value, bound, unit, reason)
@@ -69,12 +69,12 @@ def judge(name: str, value: float, bound: float, unit: str = "", doubts: Sequenc
 
 
 def unjudged(reason: str) -> Verdict:
-    """Not judged, and why."""
+    """Verdict "not judged", with its reason."""
     return Verdict(UNJUDGED, reason=reason)
 
 
 def combined(words: Iterable[str]) -> str:
-    """Of several: good, bad or not judged where all are; limited where they differ."""
+    """Combine several verdicts: good, bad or not judged where all are; limited where they differ."""
     found = set(words)
     judged = found - {UNJUDGED}
     return UNJUDGED if not judged else LIMITED if len(found) > 1 else judged.pop()
@@ -87,7 +87,7 @@ def in_short(reasons: Sequence[str]) -> str:
 
 
 def doubts(run: Trajectory, of_the_law: bool = True) -> list[str]:
-    """Reasons to doubt a run besides its end: growth, warnings, an unstable step, limits that were reached.
+    """Reasons to doubt a run, apart from its end: growth, warnings, an unstable step, limits that were reached.
 
     Args:
         of_the_law: whether warnings count of forces that the law does not know.
@@ -109,7 +109,7 @@ def doubts(run: Trajectory, of_the_law: bool = True) -> list[str]:
 
 
 def is_of_the_step(doubt: str) -> bool:
-    """Whether a doubt is one of those that `simulate` warns of before a run, with their causes and remedies."""
+    """Return whether a doubt is one of those that `simulate` warns of before a run, with their causes and remedies."""
     return doubt.endswith(COARSE) or UNSTABLE in doubt
 
 
@@ -153,7 +153,7 @@ def quarters(time: Array, values: Array, since: float = 0.0) -> tuple[Array, Arr
 
 
 def rest(run: Trajectory) -> dict[str, float]:
-    """How a run comes to rest: the fastest node [m/s] in its last quarter and ever; how far a node came, in sizes."""
+    """Measures of rest: the fastest node [m/s] in a run's last quarter and ever; how far a node came, in sizes."""
     if not len(run.time):
         return {"last_speed": math.nan, "largest_speed": math.nan, "moved": math.nan}
     speed = np.linalg.norm(run.velocities, axis=-1).max(axis=1, initial=0.0)
@@ -171,7 +171,7 @@ def size_of(run: Trajectory) -> float:
 
 
 def _moved(run: Trajectory) -> Array:
-    """(T,) [m]: the largest distance of a node from its start."""
+    """Largest distance of a node from its start (T,) [m]."""
     return np.asarray(np.linalg.norm(run.nodes - run.nodes[:1], axis=-1).max(axis=1, initial=0.0))
 
 
@@ -208,7 +208,7 @@ def verdict(runs: Sequence[Trajectory], comparison: Comparison | None = None) ->
 
 
 def is_itself(first: Trajectory, second: Trajectory) -> bool:
-    """Whether two runs are one: the same object, or the same results that took the same time."""
+    """Return whether two runs are one: the same object, or the same results that took the same time."""
     return first is second or (
         (first.engine, first.provenance, first.cost) == (second.engine, second.provenance, second.cost)
         and "wall_time" in first.cost
@@ -218,7 +218,7 @@ def is_itself(first: Trajectory, second: Trajectory) -> bool:
 
 
 def names_of(runs: Sequence[Trajectory]) -> list[str]:
-    """What each run is called in a sentence: its engine's name where these differ."""
+    """Names of runs in a sentence: their engines' names where these differ."""
     short = [run.engine.split(" ")[0] or "the run" for run in runs]
     if len(set(short)) == len(short):
         return [name if name in ("MuJoCo", "the run") else f"the {name}" for name in short]

@@ -5,7 +5,7 @@ the segments. It is the least, over the points s and t of both, of functions g o
 being what is between the points. Where |ẇ| <= V and |ẅ| <= A, and D falls below r² somewhere in a stretch of length x,
 the g that does so has |w| <= r + V x in all of it, and g̈ <= K = 2 V² + 2 (r + V x) A. A function with g̈ <= K lies above
 its chord minus K/2 times the product of the distances from both ends. So D at both ends bounds D from below within the
-stretch, whatever the segments do: pass, cross, or change the points that are closest. V and A are those of the Bézier
+stretch, even where segments pass, cross, or change the points that are closest. V and A are those of the Bézier
 points of the four corners of w. A stretch whose bound is too low is halved.
 
 Times of a stretch are parts of the interval between two samples, within [0, 1]; V, A and K are per such part.

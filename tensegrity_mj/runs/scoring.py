@@ -1,6 +1,6 @@
 """Tables of other programs against a reference that has an error bar: error, order, and a verdict in a sentence.
 
-A reference is the table reference.csv beside a scene, with `error` [m] in its header, as those of the benchmark pack
+A reference is the table reference.csv next to a scene, with `error` [m] in its header, as those of the benchmark pack
 (docs/benchmark.md). Nothing is interpolated: the times of the reference are those that count.
 """
 
@@ -23,7 +23,7 @@ from tensegrity_mj.model.text.sources import find, pack_names
 from tensegrity_mj.runs.convergence import common_times, orders_between
 from tensegrity_mj.runs.table import Table, read_table
 
-# Of the motion: what is further off is wrong. A parameter that is off by 1 % moves whatever is linear in it by 1 % of
+# Of the motion: what is further off is wrong. A parameter that is off by 1 % moves all that is linear in it by 1 % of
 # the motion; a tenth of that is left for errors of the solution.
 WRONG = 1e-3
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "km": 1e3}
@@ -31,7 +31,7 @@ UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "km": 1e3}
 
 @dataclass(frozen=True)
 class Score:
-    """How far a table is from a reference.
+    """Distance of a table from a reference.
 
     Attributes:
         table: its name.
@@ -71,7 +71,7 @@ class Score:
         words = {
             "exact": f"right: {off} off at most, within the error bar of {quantity(self.error_bar, 'm')}",
             "close": f"right to {part} of the motion: {off} off at most",
-            "undecided": f"{off} off, {part} of the motion: not converged or another model, which a second step tells",
+            "undecided": f"{off} off, {part} of the motion: not converged or another model; a second step decides",
         }
         own, all_ = self.times
         over = f"{quantity(self.span[0])} to {quantity(self.span[1], 's')}" if own < all_ else "the whole run"
@@ -81,7 +81,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Limit:
-    """Where tables of two steps lead, by Richardson's extrapolation.
+    """Limit of tables of two steps, by Richardson's extrapolation.
 
     Attributes:
         order: that of 1 to 4 whose limit is nearest to the reference.
@@ -119,10 +119,10 @@ class Limit:
 
 
 def reference_of(scene: str | os.PathLike[str]) -> Table:
-    """The reference beside a scene, which is named as in `load_scene`; "free" is "pack/free", too.
+    """Read the reference next to a scene, which is named as in `load_scene`; "free" is "pack/free", too.
 
     Raises:
-        FormatError: if there is no such scene, no reference beside it, or none that can be read.
+        FormatError: if there is no such scene, no reference next to it, or none that can be read.
         OptionError: if its header has no error bar.
     """
     name = f"pack/{scene}" if f"pack/{scene}" in pack_names() else scene
@@ -137,7 +137,7 @@ def reference_of(scene: str | os.PathLike[str]) -> Table:
 
 
 def score(reference: Table, table: Table, step: float | None = None) -> Score:
-    """How far a table is from a reference, as `reference_of` reads one.
+    """Measure how far a table is from a reference, as `reference_of` reads one.
 
     Args:
         step: that the table was computed with [s], where its header does not say so.
@@ -186,7 +186,7 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
 
 
 def limit(scores: Sequence[Score]) -> Limit | None:
-    """Where the two tables of the smallest steps lead.
+    """Extrapolate the two tables of the smallest steps to their limit.
 
     None where there are no two with steps that differ, or the coarser lacks the place where the finer is furthest off.
     """
@@ -203,7 +203,7 @@ def limit(scores: Sequence[Score]) -> Limit | None:
 
 
 def _axes(ours: Array, theirs: Array) -> tuple[Array | None, str]:
-    """What turns a table's first row into the start (None for nothing), and that in words.
+    """Find the matrix that takes a table's first row to the start (None for the unit matrix), and its text.
 
     Of several the first: the axes as they are, then y up for z up, then turns, then mirror images.
     """

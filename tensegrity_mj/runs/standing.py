@@ -1,4 +1,4 @@
-"""What a structure stands on, and how far its centre of mass is from tipping over an edge of it."""
+"""Base on which a structure stands, and the distance of its centre of mass from tipping over an edge of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Standing:
-    """What stood on the floor at the recorded times of a run.
+    """Nodes that stood on the floor at the recorded times of a run.
 
     Attributes:
         time: (T,) [s].
@@ -51,7 +51,7 @@ class Standing:
 
 
 def standing(run: Trajectory, near: float | None = None) -> Standing:
-    """What a run stood on.
+    """Find the nodes on which a run stood.
 
     Args:
         near: how far above the floor a surface may be and still count as touching [m]; by default the `width` of the

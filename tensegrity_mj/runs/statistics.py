@@ -76,7 +76,7 @@ class Statistics:
         return cls(quantity, unit, names, time, values, mean, deviation, *extremes, significant, period, parts)
 
     def cycles(self, name: str) -> Array:
-        """(C, 3): range, mean and count (1 or 1/2) of each cycle of a signal, in the order in which they close.
+        """Range, mean and count (1 or 1/2) of each cycle of a signal (C, 3), in the order in which they close.
 
         Raises:
             OptionError: where there is no such signal.
@@ -160,7 +160,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
 def _as_given(
     run: Trajectory, names: Sequence[str], values: Array, is_mean: bool
 ) -> tuple[tuple[str, ...], Array, int]:
-    """Of strings by their names and values (T, M, k): those that were given, then the parts of those with mass.
+    """Regroup strings' values (T, M, k): those of strings as given, then those of the parts of strings with mass.
 
     A whole has the mean of its parts by their shares, or else their sum. Returns how many parts there are, too.
     """

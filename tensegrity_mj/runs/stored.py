@@ -72,7 +72,7 @@ def variables_in_file(run: Trajectory, water_loads: bool = False) -> Variables:
 
 
 def _units(unit: str) -> dict[str, str]:
-    """As CF has it: a unit of udunits; none where a law or an element defines it, but a note."""
+    """Attributes of a unit as CF has it: one of udunits; a note instead where a law or an element defines it."""
     return {"unit_note": unit} if " " in unit else {"units": unit}
 
 
@@ -104,7 +104,7 @@ def write_run(run: Trajectory, path: Path, water_loads: bool = False) -> None:
 
 
 def is_table(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is for `table.read_table` rather than for `read_run`: CSV, or NetCDF with nodes and no scene."""
+    """Return whether a file is for `read_table` rather than for `read_run`: CSV, or NetCDF with nodes and no scene."""
     if Path(path).suffix.lower() != ".nc":
         return True
     try:

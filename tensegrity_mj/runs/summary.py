@@ -26,7 +26,7 @@ GROUPS = {
 
 
 def rows_of(run: Trajectory) -> list[tuple[str, str]]:
-    """What it is, engine, time, status, and what is to be known of its errors: a name and a line each."""
+    """Rows (name, line) of a run's summary: scene, engine, time, status and errors."""
     structure = run.scene.structure
     size = f"{len(structure.nodes)} nodes, {len(structure.rods)} rods, {len(structure.strings)} strings"
     span = f"{run.time[0]:g} to {run.time[-1]:g} s, " if len(run.time) else ""
@@ -45,7 +45,7 @@ def rows_of(run: Trajectory) -> list[tuple[str, str]]:
 
 
 def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
-    """What was compared, when, the largest differences in their units, and which are beyond their tolerances."""
+    """Rows (name, line) of a comparison: runs, times, largest differences in their units, and tolerances exceeded."""
     between = " and ".join(name or "a run" for name in (comparison.first, comparison.second))
     time = comparison.time
     rows = [("between", between), ("time", f"{time[0]:g} to {time[-1]:g} s, {len(time)} common times")]
@@ -67,7 +67,7 @@ def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
 
 
 def html_of(run: Trajectory) -> str:
-    """The same as a table, and below it a plot of the tensions, or of heights where nothing pulls."""
+    """Summary of a run as a table, and below it a plot of the tensions, or of heights where nothing pulls."""
     cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows_of(run))
     plot = pictured.draw(run)
     shown = "" if plot is None else f'<img src="data:image/png;base64,{base64.b64encode(plot).decode()}">'

@@ -37,7 +37,7 @@ VARIABLES = {
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Where nodes were, as another program or a camera has it; what was not seen is NaN.
+    """Node positions over time from another program or a camera; NaN where a node was not seen.
 
     Attributes:
         time: (T,) rising [s].

@@ -52,7 +52,7 @@ def columns_of(run: Trajectory, water_loads: bool = False) -> tuple[list[str], A
 
 
 def to_xarray(run: Trajectory, water_loads: bool = False) -> xarray.Dataset:
-    """What `xarray.open_dataset` reads from the file of a run, and loads of water, where they are wanted."""
+    """Dataset of a run, as `xarray.open_dataset` reads its file, with loads of water where they are wanted."""
     xr = optional("xarray", "run.to_xarray()")
     held = {
         name: (dimensions, np.array(values), attributes)

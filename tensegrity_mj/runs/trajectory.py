@@ -87,7 +87,7 @@ class Trajectory:
 
     @property
     def timestep(self) -> float:
-        """[s], of the engine's fixed steps; NaN where it chose its steps."""
+        """Fixed step of the engine [s]; NaN where it chose its steps."""
         step = self.provenance.get("engine", {}).get("timestep")
         return math.nan if step is None else float(step)
 
@@ -98,22 +98,22 @@ class Trajectory:
 
     @property
     def element_state_names(self) -> tuple[str, ...]:
-        """(S,) what `element_states` has, such as "elements[0] Maxwell: s1"."""
+        """Names (S,) of `element_states`, such as "elements[0] Maxwell: s1"."""
         return state_names(self.scene)
 
     @property
     def bending_energy(self) -> Array:
-        """(T,) [J]: what bent joints have stored; zero where the scene's `resistance` has no such stiffness."""
+        """Energy stored in bent joints (T,) [J]; zero where the scene's `resistance` has no such stiffness."""
         return bending_energy(self.scene, self.nodes)
 
     @property
     def element_energy(self) -> Array:
-        """(T,) [J]: what the scene's elements have stored, bent joints among them."""
+        """Energy stored in the scene's elements (T,) [J], bent joints among them."""
         return energy_of(self.scene.effects, self.scene, self.nodes, self.element_states)
 
     @property
     def energy_balance(self) -> Array:
-        """(T,) [J]: energy gained minus winch work minus external work plus dissipation; zero if exact."""
+        """Energy gained minus winch work minus external work plus dissipation (T,) [J]; zero if exact."""
         energy = self.kinetic_energy + self.gravity_energy + self.string_energy + self.element_energy
         return energy - energy[:1] - self.winch_work - self.external_work + self.dissipation
 
@@ -124,7 +124,7 @@ class Trajectory:
 
     @property
     def permanent_stretch(self) -> Array:
-        """(T, M) [m] of strings that yield, as of the last recorded time at which they pulled; zero of all others."""
+        """Permanent stretch (T, M) [m] of strings that yield, by the last sample that pulled; zero of all others."""
         structure = self.scene.structure
         if not structure.curves.yields.any():
             return np.zeros_like(self.rest_lengths)
@@ -147,14 +147,14 @@ class Trajectory:
 
     @property
     def error_estimate(self) -> float:
-        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was wanted.
+        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was requested.
 
         `reports["accuracy"]["settled"]` states whether it can be relied on.
         """
         return float(self.reports.get("accuracy", {}).get("error_estimate", float("nan")))
 
     def target_error(self) -> Array:
-        """(T,) [m]: largest distance of a node that is no rope's from its target at each time; NaN without a target."""
+        """Largest distance (T,) [m] of a node, ropes' apart, from its target at each time; NaN without a target."""
         if self.scene.target is None:
             return np.full(len(self.time), np.nan)
         from tensegrity_mj.dynamics.target import target_nodes
@@ -163,33 +163,33 @@ class Trajectory:
         return np.max(np.linalg.norm(self.nodes[:, : aims.shape[1]] - aims, axis=-1), axis=1)
 
     def position(self, node: str) -> Array:
-        """(T, 3) [m] of a node by its name; OptionError where there is none."""
+        """Position (T, 3) [m] of a node by its name; OptionError where there is none."""
         return np.asarray(self.nodes[:, self._number("node", node)])
 
     def velocity(self, node: str) -> Array:
-        """(T, 3) [m/s] of a node by its name; OptionError where there is none."""
+        """Velocity (T, 3) [m/s] of a node by its name; OptionError where there is none."""
         return np.asarray(self.velocities[:, self._number("node", node)])
 
     def tension(self, string: str) -> Array:
-        """(T,) [N] of a string by its name, of one with mass the mean along it; OptionError where there is none."""
+        """Tension (T,) [N] of a string by its name, the mean along one with mass; OptionError where there is none."""
         rows, shares = self.parts_of(string)
         return np.asarray(self.tensions[:, rows] @ shares)
 
     def rest_length(self, string: str) -> Array:
-        """(T,) [m] of a string by its name, of one with mass the whole; OptionError where there is none."""
+        """Rest length (T,) [m] of a string by its name, one with mass as a whole; OptionError where there is none."""
         return np.asarray(self.rest_lengths[:, self.parts_of(string)[0]].sum(axis=1))
 
     def length(self, string: str) -> Array:
-        """(T,) [m] of a string by its name, of one with mass along its parts; OptionError where there is none."""
+        """Length (T,) [m] of a string by its name, of one with mass along its parts; OptionError if there is none."""
         return np.asarray(self.scene.structure.string_lengths(self.nodes)[:, self.parts_of(string)[0]].sum(axis=1))
 
     @property
     def rod_forces(self) -> Array:
-        """(T, R) [N] along the rods, negative in compression."""
+        """Forces (T, R) [N] along the rods, negative in compression."""
         return np.asarray(self.rod_force_densities * lengths(self.scene.structure, self.nodes))
 
     def rod_force(self, rod: str) -> Array:
-        """(T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
+        """Force (T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
         return np.asarray(self.rod_forces[:, self._number("rod", rod)])
 
     def water_loads(self, of: str = "rod") -> Array:
@@ -199,7 +199,7 @@ class Trajectory:
         return water_loads(self, of)
 
     def water_load(self, member: str, of: str = "rod") -> Array:
-        """(T, 3) [N] on a rod or a string by its name, the whole of one with mass; OptionError where there is none."""
+        """Force (T, 3) [N] of the water on a rod or a string by its name; OptionError where there is none."""
         rows = self.parts_of(member)[0] if of == "string" else [self._number("rod", member)]
         return np.asarray(self.water_loads(of)[:, rows].sum(axis=1))
 

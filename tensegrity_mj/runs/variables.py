@@ -1,4 +1,4 @@
-"""What runs record: the quantities with their dimensions, units and meanings, and the names along each dimension."""
+"""Quantities that runs record, with their dimensions, units and meanings, and the names along each dimension."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tensegrity_mj.model.scene import Scene
 
 
 class Status(enum.Enum):
-    """How a run ended."""
+    """Ways in which a run ends."""
 
     COMPLETED = "completed"
     INFEASIBLE = "infeasible"  # the control problem had no admissible solution and the caller chose to stop
@@ -29,8 +29,8 @@ def _table(name: str) -> Variables:
 
 _FILE = table_beside(__file__)
 VARIABLES = _table("variables")
-STATES = _table("states")  # besides, of a scene that has what they are of
-LOADS = _table("loads")  # besides, where they are wanted
+STATES = _table("states")  # additional, of a scene that has what they are of
+LOADS = _table("loads")  # additional, where they are wanted
 LABELS: dict[str, str] = _FILE["labels"]  # what the names along each dimension are
 AXES = ("x", "y", "z")
 LAW_REPORTS = tuple(report.name.lower() for report in Report)  # those that are NaN where the law has none
@@ -38,7 +38,7 @@ DICTIONARIES = ("cost", "reports", "provenance")  # in the file as JSON
 
 
 def variables_of(scene: Scene) -> Variables:
-    """What runs of a scene have recorded, as `VARIABLES`."""
+    """Quantities that runs of a scene record, as `VARIABLES`."""
     known = {"time", *labels_of(scene)}
     return VARIABLES | {name: one for name, one in STATES.items() if known.issuperset(one[0])}
 

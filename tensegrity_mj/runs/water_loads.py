@@ -1,4 +1,4 @@
-"""What water did to each rod and string along a run: Morison's loads at the recorded states, added mass included.
+"""Loads of water on each rod and string along a run: Morison's at the recorded states, added mass included.
 
 Drag, inertia of the water and buoyancy follow from recorded positions and velocities exactly. Added mass answers the
 rods' accelerations, which are the slopes of the cubic spline through the recorded velocities: off by about h³/24 of
@@ -45,7 +45,7 @@ def water_loads(run: Trajectory, of: str = "rod") -> Array:
 
 
 def _on_strings(run: Trajectory) -> Array:
-    """(T, M, 3) [N]."""
+    """Loads (T, M, 3) [N] on strings."""
     scene, paths = run.scene, run.scene.structure.paths
     found, piece = np.zeros((len(run.time), len(paths.ranges), 3)), samples_at_once(scene)
     for first in range(0, len(run.time), piece):
@@ -56,7 +56,7 @@ def _on_strings(run: Trajectory) -> Array:
 
 
 def _on_rods(run: Trajectory) -> Array:
-    """(T, R, 3) [N]."""
+    """Loads (T, R, 3) [N] on rods."""
     if len(run.time) < 2:
         raise OptionError(f"water_loads: the run has {len(run.time)} samples; two are needed for accelerations")
     scene, structure = run.scene, run.scene.structure

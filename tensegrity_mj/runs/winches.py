@@ -1,4 +1,4 @@
-"""What winches do: a law sets rest lengths against the tension of the strings, and that is work on them.
+"""Work of winches: a law sets rest lengths against the tension of the strings, and that is work on them.
 
 Power is counted as done on the strings, P = -T dL0/dt with T the elastic tension: positive where a winch hauls in,
 negative where a string pulls line out of it. A winch that stands still holds any tension at no power.
