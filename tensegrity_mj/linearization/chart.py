@@ -70,7 +70,7 @@ class Chart:
         return self.records.place(*self._q(*self._completed(delta, rate)))
 
     def _choose(self, names: Sequence[str]) -> None:
-        """Which coordinates the constraints determine, and which are left."""
+        """Choose the coordinates that the constraints determine, and those that are left."""
         self._chosen, self._determined = np.arange(len(names)), np.arange(0)
         slopes = self._slopes(self._start)
         if len(slopes):
@@ -85,7 +85,7 @@ class Chart:
 
     @property
     def has_loops(self) -> bool:
-        """Whether some δ follow from others."""
+        """True where some δ follow from others."""
         return len(self._determined) > 0
 
     def coordinates(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
@@ -151,7 +151,7 @@ class Chart:
         return q, q_rate
 
     def _slopes(self, delta: Array) -> Array:
-        """(3C, all δ): derivatives of the loops' gaps."""
+        """Derivatives of the loops' gaps (3C, all δ)."""
         out = np.zeros((len(self._loops), self._all))
         in_q, in_delta = (part[self._straight[0] < self._loops.shape[1]] for part in self._straight)
         out[:, in_delta] = self._loops[:, in_q]
@@ -188,11 +188,11 @@ class Chart:
         return full, full_rate
 
     def _gap(self, delta: Array) -> Array:
-        """(3C,) of the loops."""
+        """Gaps (3C,) of the loops."""
         return np.asarray(self._loops @ (self._q(delta, 0 * delta)[0] - self.q0)[: self._loops.shape[1]])
 
     def lever(self, k: int) -> float:
-        """[m] or 1: how far the farthest node moves for a unit of δ_k."""
+        """Distance [m] or 1 that the farthest node moves for a unit of δ_k."""
         unit = np.zeros(self.size)
         unit[k] = 1.0
         return float(np.linalg.norm(self.state(np.zeros(self.size), unit)[1], axis=1).max())

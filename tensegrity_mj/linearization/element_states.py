@@ -21,7 +21,7 @@ STEP = 1e-5  # of a state, and of 1 in its unit where it is smaller: of twelve d
 
 @dataclass(frozen=True, eq=False)
 class _AtState(Element):
-    """What an element does at a state that others change."""
+    """Element that acts at a state which others change."""
 
     element: Element
     state: Array
@@ -52,13 +52,13 @@ class ElementStates:
         self._now[:] = states
 
     def rates(self, time: float, nodes: Array, velocities: Array) -> Array:
-        """(S,) of the states as they are now, at a time [s], positions and velocities (N, 3)."""
+        """Rates (S,) of the states as they are now, at a time [s], positions and velocities (N, 3)."""
         parts = zip(self._elements, split_states(self._elements, self.scene, self._now), strict=True)
         found = [rated(element, self.scene, time, nodes, velocities, *own) for element, own in parts if own]
         return np.concatenate([np.zeros(0), *found])
 
     def slopes(self, function: Callable[[Array], Array]) -> Array:
-        """(m, S) derivatives of a function (m,) of the states, at the start, by central differences."""
+        """Derivatives (m, S) of a function (m,) of the states, at the start, by central differences."""
         steps = STEP * np.maximum(1.0, np.abs(self.start))
         ways = np.eye(len(steps))
         columns = [

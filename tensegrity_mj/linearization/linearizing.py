@@ -15,7 +15,7 @@ such chart.
 
 v are changes of the rest lengths [m], or of the force densities [N/m], from those at the state; y are the node
 positions' changes (3N,) [m], nodes one after another; s are the changes of the elements' states, where these have any,
-from those of the start. e is what an equilibrium would have as zero: ẋ at the state.
+from those of the start. e is the residual ẋ at the state; it is zero at an equilibrium.
 
 How the derivatives are taken. An engine's accelerations are affine in the strings' tensions T, and tensions have the
 only kinks. So each string that is taut at the state is kept taut, by an offset of its tension that is far above all

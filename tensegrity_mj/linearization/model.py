@@ -84,12 +84,12 @@ class Linearization:
 
     @property
     def is_equilibrium(self) -> bool:
-        """Whether the state stands still: ẋ below 1e-9 of what A makes of a metre or a radian."""
+        """True where the state is at rest: ẋ is below 1e-9 of that which A gives for a metre or a radian."""
         return bool(np.abs(self.residual).max(initial=0.0) <= 1e-9 * max(np.abs(self.A).max(initial=0.0), 1e-300))
 
     @property
     def eigenvalues(self) -> Array:
-        """(2n + S,) complex [1/s], by ascending modulus, conjugates with the positive imaginary part first."""
+        """Eigenvalues (2n + S,) complex [1/s], by ascending modulus, conjugates with positive imaginary part first."""
         return self._modes()[0]
 
     @property

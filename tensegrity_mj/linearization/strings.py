@@ -27,7 +27,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class KeptStrings:
-    """Which strings pull, and the rest lengths that keep it so.
+    """Strings that pull, and the rest lengths that keep them taut or slack.
 
     Attributes:
         taut: (M,) bool.
@@ -71,7 +71,7 @@ class KeptStrings:
         )
 
     def rest_lengths(self, lengths: Array, change: Array, offsets: float) -> Array:
-        """(M,) [m] for the tension at these lengths and inputs plus a number of offsets."""
+        """Rest lengths (M,) [m] for the tension at these lengths and inputs plus a number of offsets."""
         if self.inputs is Command.REST_LENGTH:
             elastic = self.k * (lengths - self.free - change)
         else:
@@ -93,7 +93,7 @@ class KeptStrings:
 
     @property
     def curved(self) -> bool:
-        """Whether any string has more than its stiffness."""
+        """True where any string has more than its stiffness."""
         return not self.structure.curves.linear
 
     @cached_property
@@ -109,7 +109,7 @@ class KeptStrings:
         return replace(self.structure, strings=tuple(strings))
 
     def remarks(self) -> list[str]:
-        """What the caller should know about strings at the edge."""
+        """Remarks about strings at the edge of slackness, and about those that yield."""
         remarks = []
         if names := self._named(self.at_edge):
             remarks.append(
@@ -121,7 +121,7 @@ class KeptStrings:
         return remarks
 
     def losses(self) -> list[str]:
-        """What the caller should know about broken strings."""
+        """Remarks about broken strings."""
         names = self._named(self.broken)
         return [f"strings {names} have broken by this time: the model is that of the others"] if names else []
 
@@ -145,7 +145,7 @@ class SetRestLengths:
         self.plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
 
     def __call__(self, nodes: Array, velocities: Array) -> Array:
-        """(M,) [m].
+        """Rest lengths (M,) [m] that the law sets at a state.
 
         Raises:
             InfeasibleError, ControllerError: what the law says there.

@@ -1,4 +1,4 @@
-"""From a scene and a law to trajectories: `single` makes one run, `ensemble` many at once."""
+"""Simulation of a scene under a law: `single` makes one run, `ensemble` many at once."""
 
 from typing import TYPE_CHECKING
 

@@ -107,7 +107,7 @@ class Ensemble(Sequence[Trajectory]):
 
     @property
     def status(self) -> tuple[Status | None, ...]:
-        """How each run ended; None where its law failed. A divergence is found by all that `simulate` looks at."""
+        """Status of each run; None where its law failed. A divergence is found by all that `simulate` checks."""
         found: list[Status | None] = []
         for number in range(len(self)):
             outcome = self._outcome(number)
@@ -118,7 +118,7 @@ class Ensemble(Sequence[Trajectory]):
         return tuple(found)
 
     def message(self, number: int) -> str:
-        """Why run `number` ended early; "" where it did not."""
+        """Reason why run `number` ended early; "" where it did not."""
         outcome = self._outcome(range(len(self))[number])
         return str(outcome) if isinstance(outcome, TensegrityError) else outcome.message
 

@@ -110,7 +110,7 @@ def simulate(
     if checked is not None:
         run.reports["stability"] = checked
         if may_be_the_step(run, engine, law, actuation):
-            run.reports["stability"]["along_the_run"] = "not looked at; vibration.step_warnings.explain_warnings does"
+            run.reports["stability"]["along_the_run"] = "not checked; vibration.step_warnings.explain_warnings does it"
     if taken:
         run.reports["taken"] = taken
     run.provenance.update(provenance_of(request, engine))
@@ -176,7 +176,7 @@ def _goes_on(
 
 
 def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **options: Any) -> Trajectory:
-    """`simulate`, with its options; a run that diverges as far as it came, its status DIVERGED, with the reason.
+    """Call `simulate`; return a run that diverges as far as it came, its status DIVERGED, with the reason.
 
     Raises:
         TensegrityError: as `simulate`; DivergenceError where nothing was recorded.
@@ -190,7 +190,7 @@ def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **o
 
 
 def provenance_of(request: Request, engine: Any = None) -> dict[str, Any]:
-    """What a run keeps of its request."""
+    """Provenance that a run keeps of its request."""
     return {
         "controller": request.law.description,
         "on_infeasible": request.on_infeasible.value,
@@ -208,7 +208,7 @@ def versions(engine: Any = None) -> dict[str, Any]:
 
 @cache  # to look one up takes as long as a short run
 def _release(name: str) -> str | None:
-    """What `importlib.metadata.version` gives, without parsing all the rest, which takes 2 MB."""
+    """Version as `importlib.metadata.version` gives it, without parsing all the rest, which takes 2 MB."""
     try:
         installed = distribution(name)
     except PackageNotFoundError:
