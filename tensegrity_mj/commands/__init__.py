@@ -1,4 +1,4 @@
-"""The commands of `tensegrity-mj`, one a file: each has `execute(options)`, and its words in a TOML file beside it.
+"""The commands of `tensegrity-mj`, one a file: each has `execute(options)`, and its help in a TOML file next to it.
 
 A folder, such as `audit`, holds commands of two words: it has `COMMANDS`. `cli` lists all by groups, `arguments` reads
 the TOML files, `parser` makes one parser of all, `completion` answers the shell, `common`, `experiment` and

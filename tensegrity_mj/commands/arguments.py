@@ -1,4 +1,4 @@
-"""The words of a command: its help, its examples and its arguments, from the TOML file beside its module.
+"""The texts of a command: its help, its examples and its arguments, from the TOML file next to its module.
 
     help = "the mass of a structure"
     examples = "..."
@@ -36,12 +36,12 @@ Row = dict[str, Any]
 
 @cache
 def words_of(module: ModuleType) -> dict[str, Any]:
-    """What the file beside a command's module holds."""
+    """Read the TOML file next to a command's module."""
     return table_beside(str(module.__file__))
 
 
 def add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """The arguments of a command, those of groups after the others."""
+    """Add the arguments of a command, those of groups after the others."""
     words = words_of(module)
     places: list[tuple[Any, Sequence[Row]]] = [(parser, words.get("arguments", ()))]
     places += [(parser.add_argument_group(title), rows) for title, rows in words.get("groups", {}).items()]
@@ -78,13 +78,14 @@ def _expanded(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def _settings(row: Row, module: ModuleType) -> Row:
-    """What argparse takes."""
+    """Turn a row of the file into keyword arguments of argparse."""
     row.pop("instead", None)  # for messages of `experiment`
     for key in ("choices", "several"):
         if row.get(key) == "engines":
             row[key] = list(ENGINES)
     if "several" in row:
-        row |= {"nargs": "+", "choices": (choices := row.pop("several")), "help": f"of {', '.join(choices)} (all)"}
+        choices = row.pop("several")
+        row |= {"nargs": "+", "choices": choices, "help": f"some of {', '.join(choices)} (default: all)"}
     if "type" in row:
         homes = (module, experiment, common)
         row["type"] = next((getattr(one, row["type"]) for one in homes if hasattr(one, row["type"])), int)

@@ -1,4 +1,4 @@
-"""How near rods and strings come to each other along a run, or in a scene's start: which, when and where."""
+"""Find how near rods and strings come to each other along a run, or at a scene's start: which, when and where."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(found: runs.Clearance) -> str:
-    """The clearance for people."""
+    """Text of a clearance."""
     moving = found.samples > 1
     rows = [("scene", found.name)]
     if moving:

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, outcomes, and output files that are checked before work starts."""
+"""Shared parts of the commands: exit codes, outcomes, and output files that are checked before work starts."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Outcome:
 
     Attributes:
         data: for --json.
-        text: for people.
+        text: the answer as text.
         code: the exit code.
         notes: a line each on stderr.
         judgement: added to both data and text; its page has the same.
@@ -69,7 +69,7 @@ class Outcome:
 
     @property
     def words(self) -> str:
-        """Everything, for people: the judgement first."""
+        """Everything as text, the judgement first."""
         if self.judgement is None:
             return self.text
         left = [one for one in self.judgement.findings if not (self.warned and is_doubt(one))]
@@ -93,7 +93,7 @@ def table(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def number(value: float | None, unit: str = "") -> str:
-    """A number for people: four digits and its unit; '-' for None and NaN."""
+    """Write a number as text: four digits and its unit; '-' for None and NaN."""
     if value is None or math.isnan(value):
         return "-"
     return f"{value:.4g} {unit}".rstrip()
@@ -105,7 +105,7 @@ def warn(text: str) -> None:
 
 
 def is_doubt(finding: Finding) -> bool:
-    """Whether a finding speaks against a run, as its warnings do."""
+    """Return whether a finding speaks against a run, as its warnings do."""
     return finding.mark is not None and finding.mark.value == "limited"
 
 
@@ -131,7 +131,7 @@ def output_folder(path: str | os.PathLike[str], files: Sequence[str]) -> Path:
 
 
 def for_paper(width: str | None) -> AbstractContextManager[None]:
-    """What plots are made in that are as wide as a paper's "column" or "page"; for the screen with None."""
+    """Context in which plots are as wide as a paper's "column" or "page"; with None, for the screen."""
     if width is None:
         return nullcontext()
     from tensegrity_mj.pictures.paper import paper

@@ -37,7 +37,7 @@ OF_SIMULATIONS = (
     *("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS),
     *("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS),
 )
-# Numbers of a comparison, in words and with units, for people.
+# Texts of a comparison's numbers, with units.
 WORDS = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
 WORDS["rms_node_error"] = ("RMS node error", "m")
 
@@ -90,7 +90,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             with for_paper(options.paper):
                 pictures.plots.plot_comparison(comparison, plot, runs=[first, second])
     warn_of_findings(judgement, simulated=len(options.inputs) == 1)
-    # Two files are compared with success whatever became of their runs, which first_status and second_status give.
+    # Comparing two files succeeds even if their runs ended early: first_status and second_status say how they ended.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
         "status": worst.status if code else runs.Status.COMPLETED,
@@ -112,7 +112,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(data: dict[str, Any]) -> str:
-    """The comparison for people."""
+    """Text of the comparison."""
     rows = [
         ("status", data["status"].value + (f": {data['message']}" if data["message"] else "")),
         ("first", data["first"]),
@@ -129,7 +129,7 @@ def describe(data: dict[str, Any]) -> str:
 
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
-    """One of `WORDS` for people."""
+    """Text of one of `WORDS`."""
     words, unit = WORDS[name]
     return words, quantity(data[name], unit, 4)
 
@@ -239,7 +239,7 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[runs
 
 
 def _read(options: argparse.Namespace) -> tuple[Run, Run]:
-    """What two files hold."""
+    """Read the two files."""
     from tensegrity_mj.runs.stored import is_table
 
     if len(options.inputs) != 2:
@@ -253,7 +253,7 @@ def _read(options: argparse.Namespace) -> tuple[Run, Run]:
 
 
 def _outputs(out: str | None, engines: Sequence[str]) -> dict[str, Path]:
-    """Where --out puts the two runs: in a folder that exists, or beside each other with a common prefix."""
+    """Files of the two runs by --out: in a folder that exists, or next to each other with a common prefix."""
     if out is None:
         return {}
     is_folder = out.endswith(("/", "\\")) or Path(out).is_dir()

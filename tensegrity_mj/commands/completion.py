@@ -24,7 +24,7 @@ def complete(parser: Parser) -> None:
 
 
 class _Values:
-    """What may be the value of an argument with this metavar."""
+    """Completer for the values of an argument with this metavar."""
 
     def __init__(self, metavar: str | tuple[str, ...] | None) -> None:
         text = " ".join(metavar) if isinstance(metavar, tuple) else metavar or ""

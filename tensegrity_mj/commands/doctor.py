@@ -47,7 +47,7 @@ class Check:
     Attributes:
         name: what was looked at.
         works: whether it does.
-        found: what is there, or what went wrong.
+        found: the version or device found, or what went wrong.
         needed_for: what this machine cannot do without it.
         required: whether `doctor` fails where it does not work.
         remedy: how to mend it; empty where it works.
@@ -112,7 +112,7 @@ def check_package(item: Requirement) -> Check:
 
 
 def check_extras() -> list[Check]:
-    """Whether the packages of each extra of `EXTRAS` are installed."""
+    """Check that the packages of each extra of `EXTRAS` are installed."""
     found = []
     for extra, needed_for in EXTRAS.items():
         items = dependencies.requirements_of(extra)
@@ -124,7 +124,7 @@ def check_extras() -> list[Check]:
 
 
 def check_dm_control() -> Check:
-    """Whether `tensegrity_mj.learning.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
+    """Check that `tensegrity_mj.learning.dm_control` works: dm-control, its needs, and a step with this MuJoCo."""
     missing = dependencies.missing_for_dm_control()
     if not missing:
         return probed("dm_control")
@@ -134,7 +134,7 @@ def check_dm_control() -> Check:
 
 
 def check_opengl() -> Check:
-    """Which OpenGL the renderer finds and opens (see `opengl.choose_backend`)."""
+    """Check which OpenGL the renderer finds and opens (see `opengl.choose_backend`)."""
     check, chosen = probed("opengl"), os.environ.get("MUJOCO_GL")
     if not chosen:
         return check
@@ -143,7 +143,7 @@ def check_opengl() -> Check:
 
 
 def check_display() -> Check:
-    """Whether there is a display for MuJoCo's interactive viewer."""
+    """Check for a display for MuJoCo's interactive viewer."""
     names = ("WAYLAND_DISPLAY", "DISPLAY")
     found = next((f"{name}={os.environ[name]}" for name in names if os.environ.get(name)), "")
     found = found if sys.platform == "linux" else sys.platform
@@ -153,7 +153,7 @@ def check_display() -> Check:
 
 
 def probed(key: str) -> Check:
-    """What the probe of a row of `CHECKS` finds."""
+    """Run the probe of a row of `CHECKS`, and return what it finds."""
     row = CHECKS[key]
     works, found = _run_probe(row["probe"])
     remedy = f"python -m pip install {dependencies.of_extra(row['extra'])}" if "extra" in row else row["remedy"]

@@ -1,4 +1,4 @@
-"""From the options of `run` and `compare` to a law, an engine and an actuation."""
+"""Law, engine and actuation from the options of `run` and `compare`."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def law_options_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 class Steps(int):
-    """How many steps a run has, in place of their size."""
+    """Number of steps of a run, in place of their size."""
 
 
 def step(text: str) -> Steps | Rounded:
@@ -96,7 +96,7 @@ def law_option(text: str) -> tuple[str, Any]:
 
 
 def actuation_of(options: argparse.Namespace) -> model.Actuation:
-    """What is held between control samples."""
+    """Make the actuation: what is held between control samples."""
     held = options.actuation
     return model.Actuation.continuous() if held is None else model.Actuation(held, options.control_period)
 
@@ -110,7 +110,7 @@ def simulated(
     duration: float | None = None,
     output_interval: float | None = None,
 ) -> runs.Trajectory:
-    """A run under a bar, with what its warnings come from."""
+    """Simulate with a progress bar; its warnings get their causes."""
     from tensegrity_mj.simulation import simulate
     from tensegrity_mj.vibration.step_warnings import explain_warnings
 

@@ -25,7 +25,7 @@ def share(text: str) -> float:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Fit, and write what the options name; whatever can be refused is refused before."""
+    """Check all options first; then fit, and write what they name."""
     from tensegrity_mj.studies.identification.measurements import measured_together
 
     experiment.check_control(options)

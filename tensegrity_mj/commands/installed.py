@@ -3,7 +3,7 @@
     [project.entry-points."tensegrity_mj.commands"]
     audit = "evidence.commands.audit"
 
-Each names a module as those of this package are, with its TOML file beside it.
+Each names a module as those of this package are, with its TOML file next to it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import ModuleType
 from tensegrity_mj.commands.common import warn
 from tensegrity_mj.errors import printable_message
 
-EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, which stands beside this package
+EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, a distribution next to this package
 MISSING = "comes with tensegrity-mj-evidence: in a checkout, install it with python -m pip install --editable evidence"
 
 

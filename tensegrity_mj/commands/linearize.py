@@ -53,7 +53,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(model: Linearization) -> str:
-    """The model for people."""
+    """Text of the model."""
     largest = float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
     rows = [
         ("engine", model.engine),

@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(": ".join(part for part in (self.words, message.removeprefix("argument ")) if part))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """As argparse does, but an option that does not exist is refused here, before what it leaves missing."""
+        """Parse as argparse does, but refuse first an option that does not exist, then arguments that are missing."""
         for word in self._own(args or ()):
             name = word.partition("=")[0]
             if name not in self._option_string_actions:
@@ -103,7 +103,7 @@ class Parser(argparse.ArgumentParser):
         return f"{self.words} {phrases[meant]}".strip()
 
     def format_help(self) -> str:
-        """As argparse does, with the commands by their groups."""
+        """Format the help as argparse does, with the commands by their groups."""
         if not self.groups:
             return super().format_help()
         formatter = self._get_formatter()

@@ -23,7 +23,7 @@ def moment(text: str) -> float:
 
 
 def film_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Those of `FILM_OPTIONS` that were given, as keyword arguments of `render`."""
+    """Keyword arguments of `render` from those of `FILM_OPTIONS` that were given."""
     given = {name: getattr(options, name) for name in FILM_OPTIONS}
     return {name: value for name, value in given.items() if value is not None}
 

@@ -27,7 +27,7 @@ from tensegrity_mj.errors import DivergenceError, OptionError
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Simulate, then write what the options name; whatever can be refused is refused before."""
+    """Check all options first; then simulate, and write what they name."""
     out, video, plot, web = options.out, options.video, options.plot, options.web
     if video is None:
         shown = ("speed", "thickness") if options.view else ()  # the window has these, too
@@ -120,7 +120,7 @@ def summary(run: runs.Trajectory) -> dict[str, Any]:
 
 
 def describe(data: dict[str, Any]) -> str:
-    """The same for people."""
+    """Text of the numbers of one run."""
     rows = [
         ("status", data["status"] + (f": {data['message']}" if data["message"] else "")),
         ("engine", data["engine"]),
@@ -182,7 +182,7 @@ def _flow(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float | None]:
-    """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
+    """Law, actuation and duration of a recorded run, unless options say otherwise."""
     from tensegrity_mj.controllers.replay import Replay
     from tensegrity_mj.dynamics.native.law import Command
     from tensegrity_mj.model.actuation import Mode

@@ -40,7 +40,7 @@ OTHER = ("Others", "")
 
 
 def counts_of(structure: model.Structure) -> dict[str, int]:
-    """How many members of each kind it was given; a string with mass is one."""
+    """Number of members of each kind that a structure was given; a string with mass is one."""
     return {
         "rods": len(structure.rods),
         "strings": len(structure.given.strings),
@@ -55,7 +55,7 @@ def counts_text(counts: Mapping[str, Any]) -> str:
 
 
 def shipped() -> dict[str, dict[str, str]]:
-    """What each shipped scene is, by groups and names."""
+    """Descriptions of the shipped scenes, by groups and names."""
     found: dict[str, dict[str, str]] = table_beside(__file__)["shipped"]
     return found
 
@@ -78,7 +78,7 @@ def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
 
 
 def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
-    """What a scene consists of and needs; that it could be loaded means that it is valid. Times are under "timing"."""
+    """Describe a scene's parts and needs; it is valid because it could be loaded. Times are under "timing"."""
     from tensegrity_mj.engines.mujoco.needs import requirements
 
     structure = scene.structure
@@ -193,7 +193,7 @@ def support_text(rod: model.Rod) -> str:
 
 
 def motion_text(motion: model.Motion) -> str:
-    """How a support moves, in words."""
+    """Text of a support's motion."""
     if motion.function is not None:
         return "a function of time"
     parts = [
@@ -206,7 +206,7 @@ def motion_text(motion: model.Motion) -> str:
 
 
 def resistance_text(scene: model.Scene) -> str:
-    """What resists motion, in words; nothing where nothing does."""
+    """Text of the resistance to motion; empty where there is none."""
     resistance = scene.resistance or model.Resistance()
     damped = sum(point.damping > 0 for point in scene.structure.point_masses)
     parts = [f"viscous, {resistance.viscous:g} N s/m²"] if resistance.viscous else []
@@ -250,7 +250,7 @@ def water_text(scene: model.Scene) -> str:
 
 
 def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
-    """What MuJoCo's model holds, in words."""
+    """Rows about the size of MuJoCo's model."""
     if needs["positions"] is None:
         return [("engine for it", needs["engine"])]
     joints = ", ".join(f"{count} {kind}" for kind, count in needs["joints"].items() if count)
@@ -268,7 +268,7 @@ def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
-    """What a step costs, in words."""
+    """Rows about the cost of a step."""
     if timing is None:
         return []
     micro = 1e6
@@ -290,13 +290,13 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
 
 
 def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
-    """Whether strings hold the scene where it starts, in words."""
+    """Rows about the balance of forces where the scene starts."""
     fluids = ", wind and water included" if data["water"] or "wind" in (data["resistance"] or "") else ""
     rows = []
     if data["falls_freely"]:
-        rows = [("falls freely", "nothing holds it against gravity, which the two lines below leave out, and contact")]
+        rows = [("falls freely", "nothing holds it against gravity; the next two lines ignore gravity and contact")]
     if data["floats_freely"]:
-        rows = [("floats freely", "nothing but water holds it; prestress is looked at without its weight and water")]
+        rows = [("floats freely", "nothing but water holds it; the line of prestress ignores weight and water")]
     return [
         *rows,
         ("unbalanced force", f"{data['unbalanced']}; at the scene's start{fluids}"),

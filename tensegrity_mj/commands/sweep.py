@@ -21,7 +21,7 @@ MOST_LINES = 40
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Run the sweep, or go on with it, and report what came out."""
+    """Run the sweep, or go on with it, and report the results."""
     vary = [_vary(text, "--vary") for text in options.vary]
     zipped = [[_vary(text, "--zip") for text in group] for group in options.zip]
     own = [(f"law.{name}", value) for name, value in options.law_option or ()]
@@ -67,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str], measures: Sequence[str]) -> str:
-    """The sweep for people."""
+    """Text of the sweep."""
     from tensegrity_mj.studies.table import parameter_label, shown
 
     heads = ["", *map(parameter_label, parameters), "status", *(name.replace("_", " ") for name in measures)]

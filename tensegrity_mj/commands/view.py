@@ -26,7 +26,7 @@ _OF_SCENES = ("duration", "still", "law", *experiment.LAW_OPTIONS, *experiment.A
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Write the page, or open the window; whatever can be refused is refused before."""
+    """Check all options first; then write the page, or open the window."""
     recorded = options.source.lower().endswith(".nc")
     if recorded:
         refuse(options, _OF_SCENES, f"needs a scene, and {options.source} is a recorded run")
