@@ -165,7 +165,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
 
 
 def _observed(name: str) -> Any:
-    """What the entity's method of that name reads, as an observable."""
+    """Make an observable of the entity's method of that name."""
 
     def made(self: composer.Observables) -> Any:
         return observable.Generic(getattr(self._entity, name))
@@ -175,7 +175,7 @@ def _observed(name: str) -> Any:
 
 
 class TensegrityObservables(composer.Observables):  # type: ignore[misc]
-    """What can be observed of a scene, in its own frame; SI units."""
+    """Observables of a scene, in its own frame; SI units."""
 
     nodes, velocities = _observed("nodes"), _observed("velocities")
     string_lengths, rest_lengths = _observed("string_lengths"), _observed("rest_lengths")

@@ -5,7 +5,7 @@ Two things are added to `mjcf.scene_to_mjcf`, since dm_control has no place for 
 - Where actions are force densities, an actuator's gain is minus its string's length, so that its control is u itself:
   the rest length L0 = L (1 - u/k) is renewed at every stage of the integrator, without a callback.
 - Forces on nodes (loads, wind, drag, elements) are three more actuators a node. They push along the scene's axes,
-  whatever way the rod has turned by then.
+  however the rod has turned by then.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What MuJoCo's arrays say in the scene's own terms: nodes, strings, forces. Pure functions over arrays."""
+"""Readings of MuJoCo's arrays in the scene's own terms: nodes, strings, forces. Pure functions over arrays."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class StringActuators:
         return np.where(self.idle(ctrl, lengths, time), 0.0, u)
 
     def idle(self, ctrl: Array, lengths: Array, time: float) -> NDArray[np.bool_]:
-        """Which strings (M,) carry nothing: they are broken, or not longer than at rest."""
+        """Mask (M,) of the strings that carry nothing: they are broken, or not longer than at rest."""
         slack = ctrl <= 0.0 if self.command is Command.FORCE_DENSITY else lengths <= self.rest_lengths(ctrl, lengths)
         return np.asarray(slack | (self._breaks <= time))
 
@@ -101,10 +101,10 @@ class StringActuators:
 
 
 class HeldForces:
-    """What acts on a scene's nodes, as controls of the actuators there, held over each physics step.
+    """Forces on a scene's nodes, as controls of the actuators there, held over each physics step.
 
-    Of the state and time in the middle of a step of RK4, and at its beginning with the other integrators, as the MuJoCo
-    engine has them there. With RK4 the error is of the second order in the step where forces depend on time and
+    They are of the state and time in the middle of a step with RK4, and at its beginning with the other integrators, as
+    in the MuJoCo engine. With RK4 the error is of the second order in the step where forces depend on time and
     positions alone, and of the first where they depend on velocities, which are those of the step's beginning.
     """
 

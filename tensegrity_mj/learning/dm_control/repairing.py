@@ -1,4 +1,4 @@
-"""dm_control beside a MuJoCo that is newer than the one it was made for, and on a machine without a display."""
+"""Repairs of dm_control for a MuJoCo that is newer than the one it was made for, or a machine without a display."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tensegrity_mj.errors import MissingLibraryError
 
 
 def repair() -> list[str]:
-    """Make dm_control work beside a newer MuJoCo that dropped fields; returns the names, none where nothing is amiss.
+    """Make dm_control work with a newer MuJoCo that dropped fields; return their names, none if there is no need.
 
     dm_control (1.0.50) carries a table of MuJoCo's array fields, made for MuJoCo 3.17, and reads every one of them when
     it builds a Physics. MuJoCo 4.0 has no longer all of them; names that are not there are struck from the table.

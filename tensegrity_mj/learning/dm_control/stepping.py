@@ -20,7 +20,7 @@ from tensegrity_mj.runs.energy import BEYOND
 
 
 class PhysicsDivergence(DivergenceError, PhysicsError):  # type: ignore[misc]
-    """A step that left the finite world: ours by its message, dm_control's to what catches its PhysicsError."""
+    """Divergence of a step, as our error and as dm_control's PhysicsError: a value became infinite or NaN."""
 
 
 class ScenePhysics(Physics):  # type: ignore[misc]
@@ -36,7 +36,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
 
     @classmethod
     def of_scene(cls, scene: Scene, command: Command, text: str) -> ScenePhysics:
-        """From the MJCF text of `models.model`."""
+        """Make the Physics of a scene from the MJCF text of `models.model`."""
         result: ScenePhysics = cls.from_xml_string(text)
         result._equip(scene, command)
         result.reset()
@@ -124,7 +124,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
             self._advance(nstep)
 
     def _renew(self) -> None:
-        """What a callback would do at each stage, once a step: forces on nodes, breaks, no damping in slack strings."""
+        """Renew forces on nodes, breaks and damping of slack strings, once a step; a callback would at each stage."""
         model, data = self.model.ptr, self.data.ptr
         if self.string_actuators.needs_limits:
             limits = self.string_actuators.force_limits(data.ctrl[: self._size], data.ten_length, data.time)
@@ -154,7 +154,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
     # Starting
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Back to the scene's start, with the structure as designed."""
+        """Go back to the scene's start, with the structure as designed."""
         super().reset(keyframe_id)
         self.data.ptr.qvel[:] = initial_velocities(self.scene)
         self.settle()
@@ -166,7 +166,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         self.after_reset()
 
     def after_reset(self) -> None:
-        """As dm_control's, but with the strings: their controls mean something from the start."""
+        """Compute derived quantities as dm_control does, but with the strings, whose controls act from the start."""
         self.forward()
 
     # Copies

@@ -76,7 +76,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         physics.set_command(np.clip(values, self.low, self.high), self.period)
 
     def get_observation(self, physics: ScenePhysics) -> OrderedDict[str, Array]:
-        """What the task observes, by its name; without another task nodes, velocities (N, 3), string_lengths,
+        """Observations of the task by their names; without another task nodes, velocities (N, 3), string_lengths,
         rest_lengths, tensions (M,), and target (N, 3) if there is one."""
         return OrderedDict((name, part[0]) for name, part in self.task.observe(self.state(physics)).items())
 
@@ -130,7 +130,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         return discount
 
     def _value_of(self, function: Any, physics: ScenePhysics) -> tuple[Any, float]:
-        """What a function of the caller's returns, and that as a number, NaN where it is none."""
+        """Call a function of the caller's; return its value, and that as a number, NaN where it is none."""
         value = function(self.scene, physics.nodes(), physics.velocities(), physics.force_densities())
         try:
             return value, float(value)

@@ -1,4 +1,4 @@
-"""What a task is: a scene, what is commanded and observed, a reward in terms, a start and a goal. No learning library.
+"""Definition of a task: a scene, commands, observations, a reward in terms, a start and a goal. No learning library.
 
 Arrays have a leading axis: n robots at once; dm_control has one. SI units, world frame.
 """
@@ -71,10 +71,10 @@ class Goal:
 
 @value("task", OptionError, eq=False)
 class Task:
-    """What a robot is to do, in episodes of a number of control periods.
+    """Task for a robot, in episodes of a number of control periods.
 
     Episodes differ where something is drawn for them: `start`, `goal`, and the draws of a `World`. Without any of these
-    every episode begins exactly at the scene's start, whatever its seed.
+    every episode begins exactly at the scene's start, with any seed.
 
     Attributes:
         scene: robot and surroundings.
@@ -145,7 +145,7 @@ class Task:
             require(None, self.scene, "random starts")
 
     def observe(self, state: State) -> dict[str, Array]:
-        """What is observed, (n, ...) each, by its name."""
+        """Observations, (n, ...) each, by their names."""
         return {name: READERS[name](self, state) for name in self.observed}
 
     def scored(self, before: State, after: State, lost: NDArray[np.bool_] | None = None) -> dict[str, Array]:
@@ -209,7 +209,7 @@ def _shape(task: Task, state: State) -> Array:
 
 
 def _imu(task: Task, state: State) -> Array:
-    """Of each rod and body, by its two nodes: direction, angular velocity across it, a - g of the middle (n, I, 9)."""
+    """Direction, angular velocity across it, a - g of the middle (n, I, 9) of each rod and body, by its two nodes."""
     ends, rates, pulls = (part[:, task.sensors] for part in (state.nodes, state.velocities, state.accelerations))
     along = ends[:, :, 1] - ends[:, :, 0]
     length = np.linalg.norm(along, axis=2, keepdims=True)

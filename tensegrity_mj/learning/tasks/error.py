@@ -1,4 +1,4 @@
-"""How far a task's steps are from a fine reference: the same commands, held in another engine."""
+"""Error of a task's steps, against a fine reference: the same commands, held in another engine."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FINER = 16  # the step of the reference in a scene with contact, which the DAE d
 def measured_error(
     task: str | Task, episodes: int = 3, steps: int | None = None, seed: int = 0, actions: ArrayLike | None = None
 ) -> dict[str, Any]:
-    """How far nodes are from a fine reference, from starts drawn as the task has them.
+    """Measure how far nodes are from a fine reference, from starts drawn as the task has them.
 
     The reference is the DAE at tolerances of 1e-10, or for contact MuJoCo with RK4 and a step 16 times as short.
 

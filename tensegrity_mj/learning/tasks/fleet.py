@@ -65,7 +65,7 @@ class Fleet(MuJoCoEnsemble):
     def start(
         self, number: int, scene: Scene | None = None, start: RandomStart | None = None, generator: Any = None
     ) -> None:
-        """Let a robot start anew: as the scene that the fleet was made of, or another, or near its start by chance.
+        """Let a robot start anew: as the scene that the fleet was made of, or another, or at random near its start.
 
         Raises:
             OptionError: for a scene of another layout; as `starts.displace`.
@@ -97,7 +97,7 @@ class Fleet(MuJoCoEnsemble):
         return np.asarray(ended | ~finite)
 
     def look(self, ids: Sequence[int] | NDArray[np.int64], fresh: bool = False) -> dict[str, Array]:
-        """What these robots are now, by the names of `State`; `fresh` where they have just started."""
+        """Read the state of these robots now, by the names of `State`; `fresh` where they have just started."""
         if fresh:
             self.batch.forward(ids, stage=VELOCITIES)
         places, cvel, com, lengths, rates = (array[ids] for array in self._read.values())

@@ -24,7 +24,7 @@ from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
 
-# [m], as `measured_error(name)` gave it: three episodes of actions by chance. A robot that is thrown about so lands on
+# [m], as `measured_error(name)` gave it: three episodes of random actions. A robot that is thrown about so lands on
 # another triangle for the least cause; on its `gait` it does not.
 MEASURED: dict[str, dict[str, Any]] = {
     "SixBarRoll": {"largest": 2.6, "mean": 0.66, "after_1_s": 3.2e-3, "gait": 1.7e-4, "reference": "RK4, h = 125 µs"},
@@ -44,7 +44,7 @@ def limited(scene: Scene, least: float, most: float, speed: float) -> tuple[Scen
 
 
 def _rolled(task: Task, before: State, after: State) -> dict[str, Array]:
-    """How far its centre of mass came along x [m], less what the winches spent."""
+    """Reward: the distance that the centre of mass moved along x [m], less what the winches spent."""
     places = [centre_of_mass(task.scene.structure, state.nodes)[:, 0] for state in (before, after)]
     return {"forward": places[1] - places[0], "effort": effort(before, after, 1e-4)}
 

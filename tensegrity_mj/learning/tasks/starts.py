@@ -1,4 +1,4 @@
-"""How episodes start: at the scene's start, or near it by chance, in all ways that rods and supports allow."""
+"""Starts of episodes: at the scene's start, or at random near it, in all ways that rods and supports allow."""
 
 from __future__ import annotations
 

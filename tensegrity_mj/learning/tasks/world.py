@@ -36,7 +36,7 @@ Ids = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a control period, a row for each robot that made it.
+    """Outcome of a control period, a row for each robot that made it.
 
     Attributes:
         observation: (n, size) float32.
@@ -180,7 +180,7 @@ class World:
             return Outcome(self._observed(ids), reward, terms, diverged, self.steps[ids] >= self._most)
 
     def state(self, ids: Ids | None = None) -> State:
-        """What the robots are now, without noise."""
+        """State of the robots now, without noise."""
         return self._of(np.arange(self.count) if ids is None else ids)
 
     def _of(self, ids: Ids) -> State:
@@ -253,7 +253,7 @@ class Variations:
         self.base = self._made(settings)
 
     def draw(self, generator: np.random.Generator) -> Variation:
-        """What the next episode is made of."""
+        """Draw the scene and the loop of the next episode."""
         if not self.draws:
             return self.base
         return self._made({draw.parameter: draw.sample(generator) for draw in self.draws})
