@@ -47,6 +47,15 @@ def one_prefix(parts: Iterable[Any]) -> Callable[[Any], Any]:
     return in_units
 
 
+def alike(figure: Any) -> None:
+    """Give the axes of a figure of one quantity the same prefix for the same unit."""
+    from tensegrity_mj.pictures.ticks import prefixed_axes
+
+    axes = prefixed_axes(figure)
+    for axis in axes:
+        axis.power = power_of(max(other.reach for other in axes if other.unit == axis.unit), axis.unit)
+
+
 def _units(table: Any) -> dict[int, str]:
     """The units of those columns of a table that have one prefix, by their numbers."""
     return {k: found[1] for k, head in enumerate(table.columns) if (found := HEAD.search(head))}

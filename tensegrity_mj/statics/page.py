@@ -67,8 +67,8 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
     lines = [("" if one.mark is None else one.mark.value, one.name, one.text) for one in judgement.findings]
     sections.append(Section("All that was found", parts=[Table("A line each", ("", "", ""), lines, folded=True)]))
     scene = study.model.scene
-    title = f"Statics of {scene.name}" + (f": {scene.source}" if scene.source else "")
-    return write_sections(path, title, EXPLAINED, sections, opening=judgement.html())
+    source = f"The scene is from {scene.source}. " if scene.source else ""
+    return write_sections(path, f"Statics of {scene.name}", source + EXPLAINED, sections, opening=judgement.html())
 
 
 def _found(study: StaticStudy, state: StaticState) -> list[Section]:

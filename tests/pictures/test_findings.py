@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import escape
 
 import pytest
 
@@ -43,7 +44,10 @@ def test_the_opening_stands_before_everything_else(tmp_path):
 
 
 def test_the_page_of_statics_says_whether_it_stands_and_shows_pictures_before_tables(tmp_path):
-    text = analyse(tmj.load_scene("truss_arm")).save_page(tmp_path / "s.html").read_text(encoding="utf-8")
+    scene = tmj.load_scene("truss_arm")
+    text = analyse(scene).save_page(tmp_path / "s.html").read_text(encoding="utf-8")
+    assert "<h1>Statics of truss_arm</h1>" in text  # a line on a phone; where it is from comes below
+    assert f"<p>The scene is from {escape(scene.source)}. " in text
     assert '<p class="verdict">truss_arm is in stable equilibrium; ' in text
     assert text.index("<figure>") < text.index("<table>")
     assert 1 <= text.count('class="finding"') <= MOST

@@ -23,6 +23,7 @@ from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.web import make_web_page
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.studies.identification import result
 from tensegrity_mj.studies.page import figures as sweep_figures
 from tensegrity_mj.studies.table import Row
 
@@ -136,6 +137,29 @@ def test_a_page_has_one_prefix_for_forces(tmp_path: Path) -> None:
     assert '<td class="n">0.00577</td>' in text
     assert '<td class="n">0.25</td>' in text
     assert table.rows[0][1] == 5.77  # the table given is as it was
+
+
+def test_panels_of_an_identification_have_one_prefix_and_whole_numbers() -> None:
+    times = [0.0, 0.1, 0.2]
+    series = [
+        {"label": name, "unit": unit, "time": times, "measured": values, "fitted": values}
+        for name, unit, values in (
+            ("a.x", "m", [0.24, 0.25, 0.26]),
+            ("b.x", "m", [0.0, 0.012, 0.004]),
+            ("s1", "N", [20.0, 25.0, 21.0]),
+        )
+    ]
+    figure = result._fitted({"series": series})
+    figure.draw_without_rendering()
+    labels = {panel.get_title(): panel.get_ylabel() for panel in figure.axes if panel.get_title()}
+    assert labels == {"a.x": "[m]", "b.x": "[m]", "s1": "[N]"}
+    row = {"name": "k", "deviation": 0.1, "value": 1.0, "high": 1.1, "start": 1.2}
+    seen = {"eigenvalues": [6e3, 4e4]}
+    white = {"lags": 1, "autocorrelation": [0.1], "bound": None}
+    told = result._told({"parameters": [row], "before": seen, "after": seen, "whiteness": white})
+    numbers = told.axes[1]
+    assert list(numbers.lines[0].get_xdata()) == [1, 2]
+    assert all(float(place).is_integer() for place in numbers.get_xticks())
 
 
 def test_the_page_in_3d_writes_its_scale_in_one_unit() -> None:

@@ -15,6 +15,7 @@ from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
+from tensegrity_mj.studies.stability.page import judgement_of
 from tensegrity_mj.studies.stability.report import describe, study_stability
 from tensegrity_mj.studies.stability.study import at_rest
 
@@ -94,6 +95,15 @@ def test_the_study_says_who_refuses_a_scene() -> None:
     text = "\n".join(describe(data))
     assert "MuJoCo implicit: MuJoCo with Integrator.IMPLICIT refuses the scene: constraint 'wall'" in text
     assert "ODE RK4: ODE refuses the scene: constraint 'wall'" in text
+
+
+def test_a_page_says_which_structure_its_steps_are_of() -> None:
+    """A taut structure is measured with strings of 1000 N/m, whose steps are not those of the scene; a net as it is."""
+    engine = {"predicted": 0.0115, "measured": 0.0115, "ratio": 1.0, "agrees": True, "cause": "", "largest": 1.0}
+    for name, words in (("prism", "with strings of 1000 N/m that are stretched by up to 2%"), ("net", "net as it is")):
+        base, text = scene_at_rest(scene := tmj.load_scene(name))
+        assert words in judgement_of({"scene": name, "base": {"text": text, "engines": {"rk4": engine}}}).verdict
+        assert np.array_equal(base.structure.stiffness, scene.structure.stiffness) == (name == "net")
 
 
 def test_maps_of_a_structure_without_rods() -> None:

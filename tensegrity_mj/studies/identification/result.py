@@ -23,6 +23,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, ROW, frame, grid_of_panels, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
+from tensegrity_mj.pictures.one_prefix import alike
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.runs.judgement import in_short
 from tensegrity_mj.simulation import versions
@@ -169,7 +170,7 @@ def page_of(data: Data) -> Page:
     """The page."""
     level = f"{data['level']:.3g}"
     heads = {"name": "parameter", "start": "start", "value": "estimate", "deviation": "standard deviation"}
-    heads |= {"low": f"{level} from", "high": "to", "note": ""}
+    heads |= {"low": f"interval of {level} from", "high": "to", "note": ""}
     matrix = [[name, *row] for name, row in zip(data["correlated"], data["correlation"], strict=True)]
     tables = [
         Table.of("Parameters", heads, data["parameters"]),
@@ -239,6 +240,7 @@ def _fitted(data: Data) -> Figure:
         panel.plot(one["time"], one["measured"], ".", ms=3, color=palette.color_of(0), alpha=0.5)
         panel.plot(one["time"], one["fitted"], color=palette.color_of(2), lw=1.2)
         frame(panel, figure_text(one["label"]), "t [s]", f"[{one['unit']}]")
+    alike(figure)
     return figure
 
 
@@ -255,7 +257,9 @@ def _told(data: Data) -> Figure:
     left.invert_yaxis()
     for number, when in enumerate(("before", "after")):
         values = np.array(data[when]["eigenvalues"])
-        middle.semilogy(np.where(values > 0, values, np.nan), "ox"[number], label=when, color=palette.color_of(number))
+        shown, look = np.where(values > 0, values, np.nan), {"label": when, "color": palette.color_of(number)}
+        middle.semilogy(np.arange(1, len(values) + 1), shown, "ox"[number], **look)
+    middle.xaxis.get_major_locator().set_params(integer=True)
     right.bar(np.arange(1, white["lags"] + 1), white["autocorrelation"], color=palette.color_of(0), width=0.5)
     for bound in () if white["bound"] is None else (white["bound"], -white["bound"]):
         right.axhline(bound, color=palette.GUIDE, ls="--", lw=0.9)

@@ -27,6 +27,7 @@ from tensegrity_mj.vibration.bodies import Bodies
 # Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
 STIFFNESS = 1000.0
 PRESTRAIN = 0.02
+EVEN = f"with strings of {STIFFNESS:g} N/m that are stretched by up to {PRESTRAIN:.0%}, without dampers"
 TENSION = 10.0  # [N/m] the largest u while stiffness is varied
 LOOSE = -0.05  # u/k of a slack string
 SUBSTITUTE_SEED = 1
@@ -103,7 +104,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
         tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
         if is_firm(Scene(tight)):
             left = f" (strings {', '.join(slack)} slack)" if slack else ""
-            return tight, f"{structure.name}, its own self-stress{left}"
+            return tight, f"{structure.name} in its own self-stress{left}, {EVEN}"
         reason = "its equilibrium is not stable"
     rng = np.random.default_rng(SUBSTITUTE_SEED)
     planar = all(rod.support.plane is not None for rod in structure.rods)
@@ -114,7 +115,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
     plain = found.with_strings(stiffness=STIFFNESS, force_density=0.0)
     even = _with_densities(plain, u * (PRESTRAIN * STIFFNESS / u.max()))
     return _at_prestrain(even, PRESTRAIN), (
-        f"a random taut structure of {count} rod{'s' * (count > 1)} (seed {SUBSTITUTE_SEED}) in place of "
+        f"a random taut structure of {count} rod{'s' * (count > 1)} (seed {SUBSTITUTE_SEED}), {EVEN}, in place of "
         f"{structure.name}, which cannot be prestressed as it is: {reason}"
     )
 

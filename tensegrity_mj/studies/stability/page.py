@@ -65,7 +65,7 @@ def _verdict(data: Data) -> str:
     known = [one for one in known if one["measured"] is not None or not one["agrees"]]  # else nothing was measured
     ratios = [one["ratio"] for one in known]
     off = max((abs(ratio - 1.0) for ratio in ratios), default=math.nan)
-    met = f"predicted largest steps of {data['scene']} are within {off:.1%} of those measured"
+    met = f"predicted largest steps of {data['base']['text']}, are within {off:.1%} of those measured"
     steps = [one["predicted"] for one in data["base"]["engines"].values() if one["predicted"]]
     span = f": {quantity(min(steps), 's')} to {quantity(max(steps), 's')} by engine" if steps else ""
     if not data["base"]["engines"]:
@@ -104,7 +104,8 @@ def sections(data: Data) -> Iterator[Section]:
     heads = ("", "at the start [s]", "worst on the way [s]", "at t [s]", "rod or mass", "string", "remarks")
     moving, resting = Table("", heads, list(start_rows(data["start"]))), Table("", HEADS, list(rest_rows(data["base"])))
     yield Section("As it starts and moves", (data["start"]["text"],), [moving])
-    yield Section("At rest", (f"The base of the maps: {data['base']['text']}.",), [resting])
+    what = "The base of the maps" if data.get("maps") else "What was measured"
+    yield Section("At rest", (f"{what}: {data['base']['text']}.",), [resting])
     if data.get("maps"):
         points = [
             {"property": AXES[row["axis"]][0], "value": row["value"], "engine": TITLES[name], **one}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.files import table_beside
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.model.actuation import Mode
@@ -143,7 +144,9 @@ def _disagreements(engine: str, found: Data, differences: Sequence[Data], tolera
     for one in differences:
         if engine in one["engines"] and not (one["node_error"] or 0.0) <= tolerance:
             other = next(name for name in one["engines"] if name != engine)
-            others.append(f"{title(other)} is {one['node_error']:.2g} m away, more than {tolerance:.2g} m")
+            others.append(
+                f"{title(other)} is {quantity(one['node_error'], 'm', 2)} away, more than {quantity(tolerance, 'm', 2)}"
+            )
     return others
 
 
@@ -180,16 +183,16 @@ def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance
 def trends(rows: Sequence[Data]) -> list[Data]:
     """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
-    for gain, quantity, sign, words in STATEMENTS:
+    for gain, measured, sign, words in STATEMENTS:
         own = [one for one in rows if one["gain"] == gain and one["outcome"] not in NO_MEASURE]
         own.sort(key=lambda one: one["factor"])
-        values, factors = ([one[key] for one in own] for key in (quantity, "factor"))
+        values, factors = ([one[key] for one in own] for key in (measured, "factor"))
         if len(values) > 1:
-            verdict = trend(values, sign, unsettled=quantity.startswith("settling"))
+            verdict = trend(values, sign, unsettled=measured.startswith("settling"))
             found.append(
                 {
                     "gain": gain,
-                    "quantity": quantity,
+                    "quantity": measured,
                     "statement": words,
                     "shows": verdict,
                     "factors": factors,

@@ -11,6 +11,7 @@ import numpy as np
 
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import figure_text, shortened
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, GREY, common_legend, frame, line_style, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
@@ -40,7 +41,7 @@ def page_of(data: Data) -> Page:
         f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
         f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms "
         f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
-        f"{data['tolerance']:.2g} m of its target, or of where the nominal run rests if there is none."
+        f"{quantity(data['tolerance'], 'm', 2)} of its target, or of where the nominal run rests if there is none."
     )
     return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), _sections(data))
 
@@ -248,15 +249,15 @@ def _gains(data: Data) -> Iterator[Picture]:
     figure = new_figure(2 * COLUMN, COLUMN)
     panels = figure.subplots(1, 2)
     names = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
-    for panel, (quantity, label) in zip(panels, names, strict=True):
+    for panel, (measured, label) in zip(panels, names, strict=True):
         for number, gain in enumerate(dict.fromkeys(one["gain"] for one in part["rows"])):
-            own = [one for one in part["rows"] if one["gain"] == gain and one[quantity] is not None]
+            own = [one for one in part["rows"] if one["gain"] == gain and one[measured] is not None]
             own.sort(key=lambda one: one["factor"])
-            x, y = [one["factor"] for one in own], [one[quantity] for one in own]
+            x, y = [one["factor"] for one in own], [one[measured] for one in own]
             panel.plot(x, y, color=palette.CYCLE[number], marker="o", ms=4, label=GAIN_NAMES.get(gain, gain))
         if any(line.get_xdata().size for line in panel.get_lines()):
             panel.set_xscale("log", base=2)
-            if quantity == "peak_force_density":
+            if measured == "peak_force_density":
                 panel.set_yscale("log")
         frame(panel, "", "factor on the gain", label)
     yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")

@@ -72,7 +72,7 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
         return f"{text}: {values['message']}."
     error, V = values["error"], values["lyapunov"]
     if error is not None:
-        text += f", {error['final']:.2g} m from the target"
+        text += f", {quantity(error['final'], 'm', 2)} from the target"
     if V is not None and V["promised_rate"] is not None:
         fitted = "at no rate that can be fitted" if V["fitted_rate"] is None else f"at {V['fitted_rate']:.6g} /s"
         text += f"; V falls {fitted}, promised {V['promised_rate']:g} /s"
@@ -81,7 +81,7 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
     for one in found["nominal"]["differences"]:
         if engine in one["engines"] and one["node_error"] is not None:
             other = next(name for name in one["engines"] if name != engine)
-            text += f"; {title(other)} differs by {one['node_error']:.1e} m"
+            text += f"; {title(other)} differs by {quantity(one['node_error'], 'm', 2)}"
     text_of = Verdict(**values["judgement"]).text
     return f"{text}. {text_of[:1].upper()}{text_of[1:]}."
 
@@ -159,9 +159,9 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
         sentences.append(f"The smallest feasibility margin is {margin['smallest']:.3g}, at {margin['time']:g} s.")
     u, rod = peaks["force_density"], peaks["compression"]
     if u is not None:
-        text = f"The largest force density is {u['value']:.3g} N/m ({u['of']} at {u['time']:g} s)"
+        text = f"The largest force density is {quantity(u['value'], 'N/m')} ({u['of']} at {u['time']:g} s)"
         if rod is not None and rod["value"] > 0:
-            text += f", the largest compression {rod['value']:.3g} N ({rod['of']} at {rod['time']:g} s)"
+            text += f", the largest compression {quantity(rod['value'], 'N')} ({rod['of']} at {rod['time']:g} s)"
         sentences.append(text + ".")
     below = values["rest_lengths"]
     if below and below["samples"]:
@@ -179,10 +179,10 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
             f"{pushed} with more than Euler's load of the section, first at {first:g} s, and would buckle."
         )
     if winch["peak"] is not None:
+        peak, done, back = winch["peak"], *(quantity(winch[key], "J") for key in ("done", "recovered"))
         sentences.append(
-            f"The winches do {winch['done']:.3g} J and get {winch['recovered']:.3g} J back; the power of a single "
-            f"one, done or got back, is up to {winch['peak']['value']:.3g} W ({winch['peak']['of']} at "
-            f"{winch['peak']['time']:g} s)."
+            f"The winches do {done} and get {back} back; the power of a single one, done or got back, is up to "
+            f"{quantity(peak['value'], 'W')} ({peak['of']} at {peak['time']:g} s)."
         )
     return sentences
 
@@ -199,7 +199,9 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
         near = min(good, key=lambda one: abs(math.log(one["period"] / setup.period)), default=None)
         if near is not None:
             against = "" if part["reference"] == "continuous" else " against the finest period"
-            sentences.append(f"{mode} at {1e3 * near['period']:g} ms costs {near['node_error']:.2g} m{against}")
+            sentences.append(
+                f"{mode} at {1e3 * near['period']:g} ms costs {quantity(near['node_error'], 'm', 2)}{against}"
+            )
         if bad:
             periods = ", ".join(f"{1e3 * one['period']:g} ms" for one in bad)
             sentences.append(f"{mode} does not do at {periods} ({_outcomes(bad)})")
@@ -217,7 +219,7 @@ def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     bad = [one for one in part["rows"] if one["outcome"] not in REACHED]
     if not bad:
         errors = [one["final_error"] for one in part["rows"] if one["final_error"] is not None]
-        worst = f" (final error up to {max(errors):.2g} m)" if errors else ""
+        worst = f" (final error up to {quantity(max(errors), 'm', 2)})" if errors else ""
         return [f"Converges with {what} off by up to 20 %{worst}."] if part["rows"] else []
     listed = "; ".join(f"{one['label']}: {_ended(one)}" for one in bad)
     return [f"Does not tolerate {what} off by 20 %: {listed}."]
