@@ -20,6 +20,7 @@ from tensegrity_mj.basics import dependencies
 from tensegrity_mj.commands import doctor
 from tensegrity_mj.commands.doctor import check_dm_control, check_packages
 from tensegrity_mj.errors import MissingLibraryError, MissingPackageError
+from tensegrity_mj.exchange import import_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -242,4 +243,4 @@ def test_without_the_package_of_an_extra_its_part_says_so(tmp_path: Path, monkey
         run.statistics("tension").cycles(run.scene.structure.strings[0].name)
     (path := tmp_path / "model.yaml").write_text("nodes: {}\n", encoding="utf-8")
     with pytest.raises(MissingPackageError, match="a model of NTRT needs yaml"):
-        tmj.exchange.import_scene(path)
+        import_scene(path)
