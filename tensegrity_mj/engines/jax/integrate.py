@@ -161,7 +161,8 @@ class ControlledSteps:
 
         (times, before, whole), own = given, self.tolerances
 
-        def rates(t: Any, y: State, at: Prepared) -> State:
+        def rates(t: Any, y: State, given: tuple[Prepared, Held, Any]) -> State:
+            at, held, whole = given
             return model.rates(at, t, y, held, whole)
 
         def observe(moment: tuple[Any, State]) -> Observed:
@@ -178,7 +179,7 @@ class ControlledSteps:
             t1=times[-1],
             dt0=None,
             y0=state,
-            args=at,
+            args=(at, held, whole),
             saveat=diffrax.SaveAt(ts=times[1:]),
             stepsize_controller=controller,
             max_steps=own.most,

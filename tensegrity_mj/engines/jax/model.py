@@ -81,6 +81,7 @@ class Model:
             what is per string.
         sampled: whether the law is sampled.
         whole: (M,) ones, of strings none of which is broken.
+        rates: of the state alone, with the arguments of `evaluate`.
     """
 
     def __init__(
@@ -91,6 +92,8 @@ class Model:
         self.mode = actuation.mode if law is not None else None
         self.sampled = self.mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)
         self.whole = np.ones(len(self.structure.strings))
+        # Traced once for all stages of a step.
+        self.rates: Callable[..., State] = jax.jit(lambda *given: self.evaluate(*given)[0])
         self.limits = {name: self.structure.limits(name) for name in ("max_force_density", "min_rest_length")}
         self.limited = any(np.isfinite(values).any() for values in self.limits.values())
         self.reach = self.structure.limits("winch_speed") * (actuation.period or np.inf)
@@ -241,10 +244,6 @@ class Model:
         observed = Observed(time, x, v, lengths, rest, elastic, tensions, densities, held_by, works, report)
         changes = State(system.reduced(rates, prescribed[1]), system.reduced(found, moved), powers)
         return changes, observed, accelerations
-
-    def rates(self, at: Prepared, t: Any, state: State, held: Held, whole: Any) -> State:
-        """Rates of the state alone."""
-        return self.evaluate(at, t, state, held, whole)[0]
 
     def step(self, at: Prepared, t: Any, h: float, state: State, held: Held, whole: Any) -> State:
         """Make one step of classical Runge-Kutta, then project the state onto the constraints."""

@@ -218,15 +218,18 @@ class Program:
         """The rows of the parameters as they are, what they cost, and how they ended; in pieces, with progress."""
         model, take = self.model, self.steps.advance
 
-        def begin(model: Model, p: Any) -> tuple[Prepared, State, Held, Observed]:
+        def begin(model: Model, p: Any) -> tuple[Prepared, State, Held, Any]:
             at, state, held = begun(model, p)
+            if self.model.law is None:  # there is always a command
+                return at, state, held, None
             t, whole = self.request.begin, (self.request.scene.break_times > self.request.begin).astype(float)
             return at, state, held, jax.tree.map(lambda x: x[None], model.evaluate(at, t, state, held, whole)[1])
 
         at, state, held, row = compiled(partial(begin, model), self.parameters)(self.parameters)
         parts: list[Any] = []
         watch, steps, ended = Stopwatch(), 0, TO_THE_END
-        if np.all(row.works[0, VOID] > 0):  # the law has no command at the start, where strings are as they are
+        # Where the law has no command at the start, strings are as they are.
+        if row is not None and np.all(row.works[0, VOID] > 0):
             lawless = Model(self.request.scene, model.effects, None, self.request.actuation, 0.0)
             parts.append(begin(lawless, self.parameters)[-1]._replace(works=row.works, report=row.report))
         most = [max(1, min(MOST_ROWS, MOST_STEPS // self.steps.stride))]
