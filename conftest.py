@@ -11,11 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+from quick_xla import compile_quickly
+
 if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads of linear algebra would only wait
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    # XLA compiles what a test runs once: not optimized, in 0.4 of the time. `-n 0` tests what users run.
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+    # `-n 0` tests what users run.
+    compile_quickly()
 
 import pytest
 import session_report

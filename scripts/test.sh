@@ -5,6 +5,8 @@ set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 set_up dev
 cd "$root"
+# Some three hundred processes would each compile our sources anew.
+unset PYTHONDONTWRITEBYTECODE
 
 # Beside each other, as compiling takes one core.
 bash scripts/lint.sh &

@@ -26,7 +26,7 @@ CASES: dict[str, tuple[str, dict[str, Any], float, float]] = {
     "prism, Lyapunov": ("prism", {}, 1e-3, 10.0),
     "prism, projection": ("prism", {"law": "projection"}, 1e-3, 10.0),
     "cross": ("cross", {}, 2e-3, 10.0),
-    "beam": ("planar_beam", {}, 1e-2, 60.0),
+    "beam": ("planar_beam", {}, 1e-2, 15.0),
 }
 
 

@@ -52,32 +52,34 @@ class Example:
         fixed += [] if self.P is None else list(np.kron(self.P.T, np.eye(3)))
         starts = [np.linalg.norm(self.nodes[j - 1] - self.nodes[i - 1]) for i, j in self.bars]
 
+        soft = self.bar_stiffness is not None
+        members = np.array(self.strings + (self.bars if soft else []), int).reshape(-1, 2).T - 1
+        bars = np.array([] if soft else self.bars, int).reshape(-1, 2).T - 1
+        count, own = len(self.strings), [] if self.bar_stiffness is None else self.bar_stiffness
+        k, L0 = np.concatenate([self.stiffness, own]), np.concatenate([self.rest_lengths, starts if soft else []])
+        c = np.where(np.arange(len(k)) < count, self.damping, 0.0)
+        held = np.array(fixed).reshape(-1, 3 * N)
+        rows = np.arange(bars.shape[1])
+
         def rates(t: float, y: Array) -> Array:
             x, v = y.reshape(2, N, 3)
             force = weights[:, None] * np.array(self.gravity) + self.loads(t)
-            lines, right = list(fixed), [0.0] * len(fixed)
-            members = [(pair, k, L0, self.damping, True) for pair, k, L0 in zip(
-                self.strings, self.stiffness, self.rest_lengths, strict=True)]  # fmt: skip
-            if self.bar_stiffness is not None:
-                soft = zip(self.bars, self.bar_stiffness, starts, strict=True)
-                members += [(pair, k, L0, 0.0, False) for pair, k, L0 in soft]
-            for (i, j), k, L0, c, string in members:
-                span, rate = x[j - 1] - x[i - 1], v[j - 1] - v[i - 1]
-                length = np.linalg.norm(span)
-                pull = k * (length - L0) + c * (span @ rate) / length
-                if string:
-                    pull = max(pull, 0.0) if length > L0 else 0.0
-                force[i - 1] += pull / length * span
-                force[j - 1] -= pull / length * span
-            for i, j in self.bars if self.bar_stiffness is None else ():
-                span, rate = x[j - 1] - x[i - 1], v[j - 1] - v[i - 1]
-                line = np.zeros((N, 3))
-                line[i - 1], line[j - 1] = -span, span
-                lines.append(line.ravel())
-                right.append(-rate @ rate)
+            i, j = members
+            span = x[j] - x[i]
+            length = np.sqrt(np.sum(span**2, axis=1))
+            pull = k * (length - L0) + c * np.sum(span * (v[j] - v[i]), axis=1) / length
+            pull[:count] = np.where(length[:count] > L0[:count], np.maximum(pull[:count], 0.0), 0.0)
+            vectors = (pull / length)[:, None] * span
+            np.add.at(force, i, vectors)
+            np.subtract.at(force, j, vectors)
+            i, j = bars
+            span, rate = x[j] - x[i], v[j] - v[i]
+            lines = np.zeros((len(rows), N, 3))
+            lines[rows, i], lines[rows, j] = -span, span
+            J = np.concatenate([held, lines.reshape(-1, 3 * N)])
+            right = np.concatenate([np.zeros(len(held)), -np.sum(rate**2, axis=1)])
             free = inverse @ force.ravel()
-            if lines:
-                J = np.array(lines)
+            if len(J):
                 free += inverse @ J.T @ np.linalg.lstsq(J @ inverse @ J.T, right - J @ free, rcond=1e-12)[0]
             return np.concatenate([v.ravel(), free])
 

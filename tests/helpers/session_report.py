@@ -21,7 +21,7 @@ import pytest
 SMALL = 1e-6  # bounds above it are none of round-off
 NEAR = 0.1  # of its bound: a quotient that is listed
 MOST = 40  # lines
-FREED_FROM, MOST_HELD = 0.5e9, 1.1e9  # bytes of a process, above which a module's end, or a test's, frees memory
+FREED_FROM, MOST_HELD = 0.5e9, 0.9e9  # bytes of a process, above which a module's end, or a test's, frees memory
 WORTH = 0.25e9  # bytes above what was left the last time: less is not worth compiling again what is freed
 
 quotients: dict[str, float] = {}

@@ -6,7 +6,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
-from functools import reduce
+from functools import cache, reduce
 from importlib import import_module
 from importlib.metadata import packages_distributions
 from itertools import chain, pairwise
@@ -27,8 +27,14 @@ ROOT = Path(__file__).resolve().parents[2]
 OTHERS = {"--no-deps", "--force-reinstall", "--editable"}
 
 
-def messages() -> Iterator[tuple[str, str]]:
-    """Every text in the code of the package, docstrings apart, and in its tables, with the file that has it."""
+@cache
+def messages() -> list[tuple[str, str]]:
+    """Every text in the code of the package and in its tables, read once."""
+    return list(_read())
+
+
+def _read() -> Iterator[tuple[str, str]]:
+    """Texts of the code, docstrings apart, and of tables, with the file that has each."""
     for path in sorted([*(ROOT / "tensegrity_mj").rglob("*.py"), *(ROOT / "controllers").rglob("*.py")]):
         place, tree = str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
         told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}

@@ -1,5 +1,5 @@
-"""Compiling takes most of the time of these tests, and is faster where it optimizes less; before JAX is imported."""
+"""Compiling takes most of the time of these tests, also in one process; before JAX is imported."""
 
-import os
+from quick_xla import compile_quickly
 
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+compile_quickly()

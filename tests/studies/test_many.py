@@ -53,8 +53,8 @@ def known_name(outcome: str) -> str:
 def test_kill_9_again_and_again(tmp_path: Path) -> None:
     code = "run_many(study_tasks.noted, [{'x': x, 'seconds': 0.01} for x in range(300)], folder, workers=Workers(2))"
     folder = tmp_path / "study"
-    hits = kill_and_resume(code, folder, tmp_path, kills=8, seed=3, pause=0.05, name_of=known_name)
-    assert hits >= 4  # the others came before the first new point
+    hits = kill_and_resume(code, folder, tmp_path, kills=5, seed=3, pause=0.05, name_of=known_name)
+    assert hits >= 2  # the others came before the first new point
     counted = Counter(key for key, _ in records(folder))
     assert len(counted) == 300
     assert set(counted.values()) == {1}

@@ -544,8 +544,8 @@ def test_kill_9_of_simulations(tmp_path: Path) -> None:
     }
     assert len(names) == 40
     folder = tmp_path / "study"
-    hits = kill_and_resume(SIMULATIONS, folder, tmp_path, kills=3, seed=2, pause=0.3, name_of=names.__getitem__)
-    assert hits >= 2
+    hits = kill_and_resume(SIMULATIONS, folder, tmp_path, kills=2, seed=2, pause=0.3, name_of=names.__getitem__)
+    assert hits >= 1
     assert result(folder) == result(tmp_path / "whole")
     assert set(Counter(key for key, _ in records(folder)).values()) == {1}
 
