@@ -1,12 +1,12 @@
-"""Where something ends, by halving."""
+"""Bisection."""
 
 from collections.abc import Callable
 
 
 def bisect(holds: Callable[[float], bool], start: float, end: float, within: float = 0.0) -> tuple[float, float]:
-    """Two numbers between which something ends that holds at `start` and not at `end`.
+    """Bracket the number at which a condition that holds at `start` and not at `end` ceases to hold.
 
-    They are so far apart or, where floats are coarser, neighbours.
+    The two numbers are at most `within` apart or, where floats are coarser, neighbours.
     """
     while end - start > within:
         middle = 0.5 * (start + end)

@@ -1,9 +1,9 @@
-"""What parts of the package need beside the rest, and what of it is not installed.
+"""Additional requirements of parts of the package, and those that are not installed.
 
 Most of it is of `tensegrity_mj.learning.dm_control`. Below Python 3.13 pip installs dm-control with this package. From
 3.13 on it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but `dm_control.locomotion`
-imports. There dm-control is installed without its dependencies, and the others of them, the extra `dm-control-needs` of
-pyproject.toml, beside it.
+imports. There dm-control is installed without its dependencies, and all of these but labmaze, the extra
+`dm-control-needs` of pyproject.toml, in addition.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def optional(package: str, what: str, wanted: str = "") -> Any:
 
 
 def _requirements() -> list[Requirement]:
-    """All of this package, as its metadata has them; dm-control alone where it is used from its sources."""
+    """Requirements of this package, as its metadata has them; dm-control alone where it is used from its sources."""
     from packaging.requirements import Requirement
 
     try:
@@ -64,13 +64,13 @@ def requirements_of(extra: str) -> list[Requirement]:
 def of_extra(extra: str) -> str:
     """Arguments of `pip install` that bring an extra: its requirements by name, as no index has this package.
 
-    They are the same in a checkout and beside an installed package.
+    They are the same in a checkout and for an installed package.
     """
     return _quoted([str(item).partition(";")[0].strip() for item in requirements_of(extra)]) or f"'.[{extra}]'"
 
 
 def unmet(item: Requirement) -> str:
-    """Why no installed package meets a requirement, or ""."""
+    """Return the reason why no installed package meets a requirement, or ""."""
     try:
         version = metadata.version(item.name)
     except metadata.PackageNotFoundError:

@@ -40,7 +40,7 @@ class Key(NamedTuple):
 
 
 class Item(NamedTuple):
-    """What is known of a value class, as its attribute `__item__`.
+    """Description of a value class, in its attribute `__item__`.
 
     Attributes:
         label, error, whole: as `value` was given.
@@ -149,7 +149,7 @@ def _typed_fields(cls: type) -> list[tuple[str, Kind]]:
 
 
 def item_of(cls: type) -> Item:
-    """What is known of a value class, or of a dataclass whose types say all."""
+    """Return the description of a value class, or of a dataclass, whose annotations then give the kinds."""
     if "__item__" not in vars(cls):
         given = {one.name: one for one in dataclasses.fields(cls)}
         needed = dataclasses.MISSING
@@ -175,7 +175,7 @@ def without_item(cls: type, values: Mapping[str, Any], error: TensegrityError) -
 
 
 def _label(of: Item, values: Mapping[str, Any]) -> str:
-    """What messages begin with; the kind alone of an item that is called nothing yet."""
+    """Return the beginning of messages about an item; only its kind if it has no name yet."""
     called = values.get(of.title)
     if of.title and not (isinstance(called, str) and called):
         return of.label.partition(" {")[0] + ": "

@@ -96,7 +96,7 @@ def content_of(path: Path, most_bytes: int) -> bytes:
 
 
 def said_in_comments(lines: Iterable[str]) -> dict[str, Any]:
-    """What lines such as `# step = 0.01` say, as TOML; comments that are none say nothing to a program."""
+    """Read lines such as `# step = 0.01` as TOML; other comments are skipped."""
     found: dict[str, Any] = {}
     for line in lines:
         if line.startswith("#"):
@@ -106,7 +106,7 @@ def said_in_comments(lines: Iterable[str]) -> dict[str, Any]:
 
 
 def table_beside(module: str) -> dict[str, Any]:
-    """What the TOML file of the same name beside a module holds, of its `__file__`: data that belongs to the module."""
+    """Read the data of a module: the TOML file with the name of its `__file__`, in the same folder."""
     return tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
@@ -126,9 +126,9 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary file beside the destination (with its suffix), which takes its place if the block succeeds.
+    """A temporary file in the destination's folder (with its suffix), which takes its place if the block succeeds.
 
-    Whatever happens, an exception, an interrupt or SIGTERM, the destination holds either the old file or the whole new
+    After an exception, an interrupt or SIGTERM, too, the destination holds either the old file or the whole new
     one, and the temporary file is gone.
     A link stays a link: the file that it names is replaced. Temporary files of processes that were killed are removed.
 
@@ -182,7 +182,7 @@ def _replaced(destination: Path) -> Iterator[Path]:
 
 
 def is_left(path: Path) -> bool:
-    """Whether it has the name of a file that was being written, perhaps when its process was killed."""
+    """Return whether a path has the name of a temporary file, which a process that was killed may have left."""
     return path.name.startswith(NEW) and ".part" in path.name
 
 
@@ -196,7 +196,7 @@ def _remove_left(folder: Path) -> None:
 
 
 def _mode(path: Path) -> int | None:
-    """What is at a path, None for nothing; OSError for links in a circle and the like, which `Path.exists` may hide."""
+    """Return the mode of the file at a path, None for no file; OSError for circular links, which `exists` may hide."""
     try:
         return path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):

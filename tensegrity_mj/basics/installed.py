@@ -1,4 +1,4 @@
-"""What installed packages add by entry points, in a group each: `tensegrity_mj.elements`, `.laws`, `.families`.
+"""Entry points of installed packages, in three groups: `tensegrity_mj.elements`, `.laws` and `.families`.
 
 Files name these by their names alone, so that a file runs no code that its reader has not installed.
 """
@@ -21,7 +21,7 @@ def installed(group: str) -> dict[str, EntryPoint]:
 
 
 def load(point: EntryPoint) -> Any:
-    """What an entry point names.
+    """Import the object that an entry point names.
 
     Raises:
         OptionError: if its package cannot be imported, or has no such name.

@@ -72,7 +72,7 @@ def deferred() -> Iterator[None]:
 
 
 def requested() -> bool:
-    """Whether an interrupt waits to be raised."""
+    """Return whether an interrupt waits to be raised."""
     return _requested
 
 

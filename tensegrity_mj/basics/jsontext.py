@@ -28,12 +28,12 @@ def to_json(data: Any, indent: int | None = None) -> str:
 
 
 def to_exact_json(data: Any, indent: int | None = None) -> str:
-    """As `to_json`, but NaN and infinity become objects such as {"$float": "nan"}, which `from_exact_json` reads."""
+    """Write JSON with NaN and infinity as objects such as {"$float": "nan"}, which `from_exact_json` reads."""
     return _text(_plain(data, lambda value: {NOT_FINITE: repr(value)}), indent)
 
 
 def from_exact_json(text: str) -> Any:
-    """What `to_exact_json` wrote.
+    """Read what `to_exact_json` wrote.
 
     Raises:
         ValueError: if the text is no JSON.

@@ -27,11 +27,11 @@ MAGNITUDES = f"of a magnitude from {SMALLEST:g} to {LARGEST:g}"
 
 
 class Wrong(Exception):
-    """What is wrong with a value, as the end of a sentence."""
+    """Error of a value, whose text is the end of a sentence about it."""
 
 
 class Kind(NamedTuple):
-    """What a value is.
+    """Kind of a value: how it is checked, and how it stands in files.
 
     Attributes:
         plain: the value as plain Python (floats, texts, tuples of them), or raises `Wrong`.
@@ -225,7 +225,7 @@ def direction() -> Kind:
 
 
 def rows(width: int = 0, need: str = "") -> Kind:
-    """Any number of finite numbers, or of vectors of that width, converted at once."""
+    """Kind of a tuple of finite numbers, or of vectors of that width, converted at once."""
     allowed = f"finite vectors, (T, {width})" if width else "finite numbers, (T,)"
 
     def plain(value: Any) -> tuple[Any, ...]:
@@ -248,7 +248,7 @@ def rows(width: int = 0, need: str = "") -> Kind:
 
 
 def each(need: str, **of: Kind) -> Kind:
-    """As many numbers as there are kinds, each of its own and with a name for messages."""
+    """Kind of a tuple with one value for each of the kinds `of`, whose names are for messages."""
 
     def plain(value: Any) -> tuple[Any, ...]:
         try:
@@ -295,7 +295,7 @@ def array(shape: str) -> Kind:
 
 
 def names(of: str) -> Kind:
-    """Any number of names of members or nodes."""
+    """Kind of a tuple of names of members or nodes."""
     return many(printable_name(f"the name of a {of}")._replace(schema=TEXT), "a list of names in quotes")
 
 
@@ -321,7 +321,7 @@ def pair(of: str, more: bool = False) -> Kind:
 
 
 def many(kind: Kind, need: str) -> Kind:
-    """Any number of values of a kind, without fields."""
+    """Kind of a tuple of values of one kind, without fields."""
     return Kind(
         lambda value: tuple_of(kind.plain, value),
         need,
@@ -356,7 +356,7 @@ def part(of: type, use: str = "") -> Kind:
 
 
 def parts(of: type, use: str = "") -> Kind:
-    """Any number of values of a value class."""
+    """Kind of a tuple of values of a value class."""
     return Kind(
         lambda value: tuple_of(lambda item: instance(item, of, use), value),
         "an array of tables",
@@ -395,5 +395,5 @@ def sequence(value: Any) -> tuple[Any, ...]:
 
 
 def or_none(kind: Kind) -> Kind:
-    """The same, or None, for which a file has no key."""
+    """Kind that allows None as well, for which a file has no key."""
     return kind._replace(plain=lambda value: None if value is None else kind.plain(value))

@@ -41,7 +41,7 @@ def _matlab(value: Any) -> Any:
 
 
 def legal_names(names: Iterable[str]) -> tuple[str, ...]:
-    """What MATLAB takes for variables and fields: letters, digits, underscores, a letter first, each once.
+    """Make unique names that MATLAB takes for variables and fields: letters, digits, underscores, a letter first.
 
     A name that is legal stays. In others "_" stands for what is not allowed, with an x in front where no letter or a
     keyword begins them; where two become the same, numbers follow.

@@ -25,13 +25,13 @@ def bar(shown: bool, desc: str, **settings: Any) -> Any:
 
 
 def in_notebook() -> bool:
-    """Whether this is a kernel of Jupyter, whose stderr is no terminal; as tqdm decides it."""
+    """Return whether this is a kernel of Jupyter, whose stderr is no terminal; as tqdm decides it."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     return shell is not None and "IPKernelApp" in shell.config
 
 
 class NoBar:
-    """What a bar of tqdm has, and shows nothing; importing tqdm takes longer than many a run."""
+    """Progress bar with the methods of tqdm's that shows nothing; importing tqdm takes longer than many a run."""
 
     n = 0.0
 

@@ -1,4 +1,4 @@
-"""What was made of an object that never changes, remembered as long as that object lives."""
+"""Cache of results made from objects that never change, kept as long as the object lives."""
 
 from __future__ import annotations
 

@@ -50,17 +50,17 @@ def read(value: Any) -> Any:
 
 
 def is_time(value: Any) -> bool:
-    """Whether TOML gave a number, or a text that means a time."""
+    """Return whether a value from TOML is a number, or a text that means a time."""
     return is_number(value) or isinstance(read(value), Rounded)
 
 
 def held(value: Any) -> Any:
-    """What a file holds of a time, for `read`."""
+    """Return a time from a file as it stands there, for `read`."""
     return value if isinstance(value, str) else float(value)
 
 
 def is_multiple(time: float, step: float) -> bool:
-    """Whether a time is a whole number of steps, one at least."""
+    """Return whether a time is a whole number of steps, one at least."""
     return time >= 0.5 * step and abs(time / step - round(time / step)) <= AS_ONE * max(1.0, time / step)
 
 

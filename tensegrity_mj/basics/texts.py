@@ -17,7 +17,7 @@ BAR = r"\|"  # in a cell of a table in Markdown
 MOST_SHOWN = 400  # letters of a line of `at_a_glance`
 MARK_BYTES = 8  # of the mark of a changed name
 
-# Devices on Windows, whatever follows the first dot.
+# Devices on Windows, with any suffix.
 _RESERVED = frozenset({"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))})
 
 
@@ -36,7 +36,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def at_a_glance(rows: Iterable[tuple[str, str]]) -> str:
-    """What an object shows of itself where Python prints it: a name and a line of printable characters each."""
+    """Format rows (name, text) as the lines that Python prints for an object, in printable characters."""
     return "\n".join(f"{name:<7} {shortened(printable(text), MOST_SHOWN)}" for name, text in rows)
 
 
@@ -63,7 +63,7 @@ def file_name(text: str) -> str:
 def figure_text(text: str, most: int = 120) -> str:
     """A text for matplotlib, which draws it as it is: no $ of it begins a formula, and no label is hidden.
 
-    Longer texts are cut. It may stand beside formulas of our own, but not directly before one.
+    Longer texts are cut. Formulas of our own may be in the same label, but not directly behind this text.
     """
     shown = shortened(printable(text), most).replace("$", r"\$")
     # Labels that begin with an underscore stay out of legends.
@@ -102,7 +102,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def closest(word: str, known: Iterable[str]) -> str:
-    """What a misspelt word was probably meant to be, as the end of a sentence, or nothing."""
+    """Suggest a known word for a misspelt one, as the end of a sentence; "" where none is near."""
     meant = nearest(word, known)
     return f" (did you mean '{meant}'?)" if meant else ""
 

@@ -15,15 +15,15 @@ def is_table(value: Any) -> bool:
 
 
 def is_number(value: Any) -> bool:
-    """Whether TOML gave a number that a float can hold."""
+    """Return whether a value from TOML is a number that a float can hold."""
     return isinstance(value, float) or (type(value) is int and abs(value) < 10**308)  # larger ones overflow
 
 
 def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
-    """Whether it is a list of valid items."""
+    """Return whether a value is a list of valid items."""
     return isinstance(value, list) and all(valid(item) for item in value)
 
 
 def is_row(value: Any, width: int = 3) -> bool:
-    """Whether it is a list of so many numbers."""
+    """Return whether a value is a list of `width` numbers."""
     return is_list(value, is_number) and len(value) == width

@@ -36,7 +36,7 @@ def unit_with(power: int, unit: str) -> str:
 
 
 def quantity(value: float, unit: str = "", digits: int = 3) -> str:
-    """A number for people: at most `digits` digits and a unit with its prefix; a dash for NaN."""
+    """Format a number as text: at most `digits` digits and a unit with its prefix; a dash for NaN."""
     if math.isnan(value):
         return "–"
     if unit == "kg" and 1e-12 < abs(value) < LEAST:
