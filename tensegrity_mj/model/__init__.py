@@ -1,4 +1,4 @@
-"""What is simulated: structures, scenes, what acts on them, targets and moved supports, and their text format."""
+"""Models to simulate: structures, scenes, effects on them, targets and moved supports, and their text format."""
 
 from typing import TYPE_CHECKING
 

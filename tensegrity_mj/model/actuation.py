@@ -11,7 +11,7 @@ from tensegrity_mj.errors import OptionError
 
 
 class Mode(enum.Enum):
-    """What is held between control samples."""
+    """Quantity that is held between control samples."""
 
     CONTINUOUS = "continuous"
     HOLD_FORCE_DENSITY = "hold force density"
@@ -19,7 +19,7 @@ class Mode(enum.Enum):
 
 
 class OnInfeasible(enum.Enum):
-    """What a run does where the law has no admissible solution."""
+    """Action of a run where the law has no admissible solution."""
 
     STOP = "stop"  # end there, with status infeasible
     PASSIVE = "passive"  # hold the last admissible rest lengths until it is solvable again
@@ -27,9 +27,9 @@ class OnInfeasible(enum.Enum):
 
 @value(error=OptionError)
 class Actuation:
-    """How a law drives the rest lengths; use the three constructors.
+    """Way in which a law drives the rest lengths; use the three constructors.
 
-    In all three it is the rest length that is set:
+    All three set the rest length:
         continuous: the law is evaluated at every stage of the integrator.
         hold_force_density: sampled each `period`; L0 = L (1 - u/k) is renewed as the string moves.
         hold_rest_length: sampled each `period`; L0 stands still between samples, as a winch would hold it.

@@ -65,16 +65,16 @@ class Body:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def times(self, factor: float) -> Body:
-        """The same with its mass and moments of inertia times a factor."""
+        """Return the body with its mass and moments of inertia times a factor."""
         return replace(self, mass=self.mass * factor, inertia=tuple(factor * x for x in self.inertia))
 
     def placed(self, frame: Frame, nodes: Array) -> Body:
-        """The same where nodes (N, 3) [m] have it."""
+        """Return the body moved to where nodes (N, 3) [m] place it."""
         center, rotation = frame.placed(nodes)
         return self.mapped(rotation, center - rotation @ (self.center or np.zeros(3)))
 
     def mapped(self, matrix: Array, shift: Array) -> Body:
-        """The same where an orthogonal matrix (3, 3) and a shift (3,) [m] take its nodes."""
+        """Return the body turned by an orthogonal matrix (3, 3) and moved by a shift (3,) [m], as its nodes are."""
         I = matrix @ self.inertia_matrix @ matrix.T  # noqa: E741
         moments = (*np.diag(I).tolist(), float(I[0, 1]), float(I[0, 2]), float(I[1, 2]))
         center = None if self.center is None else (matrix @ np.array(self.center) + shift).tolist()
@@ -160,12 +160,12 @@ class Frame(NamedTuple):
         return np.unique(np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])), axis=0)
 
     def out_of_shape(self, nodes: Array) -> float:
-        """How far a node is from where the body has it [m], at most."""
+        """Return the largest deviation [m] of a node from its place on the body."""
         r, rotation = self.placed(nodes)
         return float(np.abs(nodes[self.rows] - r - self.offsets @ rotation.T).max())
 
     def strain_rate(self, nodes: Array, velocities: Array) -> float:
-        """How far the velocity of a node is from what the body gives it [m/s], at most."""
+        """Return the largest deviation [m/s] of a node's velocity from that of its place on the body."""
         r_rate, spin = self.moving(nodes, velocities)
         turning = np.cross(spin, nodes[self.rows] - self.placed(nodes)[0])
         return float(np.abs(velocities[self.rows] - r_rate - turning).max())

@@ -1,4 +1,4 @@
-"""What scenes have that not every engine simulates (`Trait`), and how an engine says what it cannot (`Descriptor`).
+"""Traits of scenes that not every engine simulates (`Trait`), and descriptions of engines' limits (`Descriptor`).
 
 The engines' own are in `engines.table`; `require` there holds a scene against them.
 """
@@ -19,12 +19,12 @@ if TYPE_CHECKING:  # the table of engines is read for --help, which loads neithe
 
 @dataclass(frozen=True)
 class Trait:
-    """What a scene may have: `find` has words for the first item of a scene that has it, "" where there is none."""
+    """Property that a scene may have: `find` describes the first item of a scene with it, "" where there is none."""
 
     find: Callable[[Scene], str]
 
     def __and__(self, other: Trait) -> Trait:
-        """Of scenes that have both."""
+        """Return the trait of scenes that have both."""
 
         def find(scene: Scene) -> str:
             first = self.find(scene)
@@ -36,7 +36,7 @@ class Trait:
 
 @dataclass(frozen=True)
 class Limit:
-    """What an engine, or a function that uses engines, cannot do.
+    """Limit of an engine, or of a function that uses engines.
 
     Attributes:
         trait: which scenes it refuses.
@@ -63,7 +63,7 @@ class Descriptor:
         fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
         limits: what it cannot simulate; without any, it is held to simulate all scenes.
         shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`).
-        extra: what installs the packages that it needs beside the rest; studies leave it out unless it is named.
+        extra: what installs the additional packages that it needs; studies leave it out unless it is named.
     """
 
     title: str

@@ -167,7 +167,7 @@ def _meeting(one: Structure, other: Structure) -> dict[str, str]:
 
 
 def _nameless(member: Any) -> Any:
-    """What is equal for two members that differ in names alone, or in what means the same.
+    """Return a form of a member that is equal for two members with different names but the same meaning.
 
     A string has no direction, a normal and a row of D none either, and r̄ is what the nodes give.
     """

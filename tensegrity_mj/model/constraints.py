@@ -53,7 +53,7 @@ class Constraint:
 
     @classmethod
     def along(cls, name: str, rod: Rod, at: float, direction: ArrayLike, value: float | None = None) -> Constraint:
-        """Of the point (1 - at) n_i + at n_j of a rod, which so may be held at more points than its support's.
+        """Constrain the point (1 - at) n_i + at n_j of a rod, which may so be held at more points than its support's.
 
         Raises:
             StructureError: for a place that is not within [0, 1], or no direction.

@@ -1,4 +1,4 @@
-"""What happens to a structure from outside during a scene: loads, breaks, and the law that a file names."""
+"""Events that act on a structure from outside during a scene: loads, breaks, and the law that a file names."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Load:
 
 
 def loads_kind() -> Kind:
-    """Of loads: several `Load`s, or a function of time, which no file can hold."""
+    """Kind of loads: several `Load`s, or a function of time, which no file can hold."""
     several = parts(Load, "Load(node, force), or a function t -> (N, 3) in place of them all")
     return several._replace(plain=lambda value: value if callable(value) else several.plain(value))
 
@@ -81,7 +81,7 @@ def _option_name(given: Any) -> str:
 
 
 def _law_name() -> Kind:
-    """Of a law: no path and no module, which would run code of whoever wrote the scene."""
+    """Kind of a law's name: no path and no module, which would run code of the scene's author."""
     name = printable_name("the name of a law")
 
     def plain(given: Any) -> str:

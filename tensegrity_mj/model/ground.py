@@ -32,7 +32,7 @@ MOST_STATES = 1_000_000  # of all supports at all times
 
 
 class Baseline(enum.Enum):
-    """What is subtracted from a record of accelerations."""
+    """Baseline correction: the curve that is subtracted from a record of accelerations."""
 
     RETURN = "return"  # a cubic of time: the ground ends at rest where it began
     STOP = "stop"  # a parabola: it ends at rest

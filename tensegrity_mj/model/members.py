@@ -47,7 +47,7 @@ GROUP = printable_name("the name of a group, a non-empty string of printable cha
 
 @value("support", StructureError)
 class Support:
-    """How a rod is held in space, at the point r = (1 - σ) n_i + σ n_j of it.
+    """Support of a rod in space, at its point r = (1 - σ) n_i + σ n_j.
 
     Use the constructors `free`, `pinned` and `constrained`. The rows of `directions` are the matrix D of
     the thesis' D r = r̄ (2.40): none for a free rod, three independent ones for a pinned rod. `plane` is the
@@ -259,12 +259,12 @@ class String:
 
     @property
     def is_constant(self) -> bool:
-        """Whether it pulls with a constant force."""
+        """True where the string pulls with a constant force."""
         return self.stiffness == 0
 
     @property
     def is_linear(self) -> bool:
-        """Whether it has no more than its stiffness."""
+        """True where the string has a stiffness and no curve beyond it."""
         return self.stiffness > 0 and len(self.curve) < 2
 
     def scaled_to(self, stiffness: float, **changes: Any) -> String:
@@ -275,12 +275,12 @@ class String:
 
     @property
     def unordered(self) -> tuple[str, ...]:
-        """Its nodes, the same whichever of its ends comes first."""
+        """Nodes of the string in an order that does not depend on which end comes first."""
         return min(self.nodes, self.nodes[::-1])
 
 
 def _wrong_curve(string: String) -> str:
-    """What is wrong with how a string's tension grows with its stretch; "" for nothing."""
+    """Describe an error in a string's stiffness or curve of tension over stretch; "" for none."""
     k, curve = string.stiffness, string.curve
     if string.is_constant and not curve:
         others = [name for name in ("rest_length", "force_density", *LIMITS, "yields") if getattr(string, name)]
@@ -362,7 +362,7 @@ def null_space_basis(rows: Array) -> Array:
     """
     if len(rows) == 0:
         return np.eye(3)
-    # Unit rows: a direction constrains equally whatever the length of the row that states it.
+    # Unit rows: the length of the row that states a direction does not matter.
     _, singular, vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None])
     rank = int(np.sum(singular > 1e-9 * singular[0]))
     projector = vt[rank:].T @ vt[rank:]

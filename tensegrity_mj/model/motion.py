@@ -171,7 +171,7 @@ class Motion:
         return total
 
     def sampled(self, times: ArrayLike) -> Motion:
-        """The same as data at the given times (T,) [s], met with velocity and acceleration: what a file can hold.
+        """Return the motion as data at the given times (T,) [s], with velocity and acceleration, which a file can hold.
 
         Raises:
             SceneError: for times that do not increase, and where a function fails.
@@ -224,7 +224,7 @@ class Motion:
 
     @property
     def jump(self) -> str:
-        """How fast the data move at their first and last time where that is not at rest, or ""."""
+        """Speeds of the data at their first and last time, as text, where they are not at rest there; otherwise ""."""
         if not self.velocities:
             return ""
         first, last = (float(np.linalg.norm(row)) for row in (self.velocities[0], self.velocities[-1]))

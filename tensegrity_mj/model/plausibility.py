@@ -22,7 +22,7 @@ UNITS = {
 
 
 def hardly_possible(structure: Structure) -> dict[str, list[tuple[Rod, str]]]:
-    """By columns of sections, the rods whose number is out of reach, and why."""
+    """List, by columns of sections, the rods whose number is implausible, and why."""
     found: dict[str, list[tuple[Rod, str]]] = {}
     for rod, length in zip(structure.rods, structure.rod_lengths.tolist(), strict=True):
         for column, why in _of_rod(rod, length):

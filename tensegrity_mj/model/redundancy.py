@@ -28,12 +28,12 @@ MOST_RODS = 250  # that hang together; more take seconds
 
 @dataclass(frozen=True)
 class Redundancy:
-    """What is redundant at some nodes.
+    """Redundant members of a structure at some node positions.
 
     Attributes:
         undetermined: names of the rods whose forces are not unique, and of such constraints.
         singular: names of the rods that stop a motion which all rows allow.
-        skipped: number of rods that were not looked at, for more than `MOST_RODS` hang together.
+        skipped: number of rods that were not checked, as more than `MOST_RODS` hang together.
     """
 
     undetermined: tuple[str, ...] = ()
@@ -42,7 +42,7 @@ class Redundancy:
 
     @property
     def warning(self) -> str:
-        """What is to be said of a run that starts there, or ""."""
+        """Warning about a run that starts at these nodes, or ""."""
         if not self.singular:
             return ""
         names = ", ".join(f"'{name}'" for name in self.singular[:6]) + (", ..." if len(self.singular) > 6 else "")
@@ -79,9 +79,9 @@ def redundancy(structure: Structure, nodes: Array) -> Redundancy:
 
 
 def approached(structure: Structure, start: Array, end: Array) -> str:
-    """What is to be said of a run that broke off near a singular configuration that it did not start near, or "".
+    """Return the warning about a run that stopped near a singular configuration that it did not start near, or "".
 
-    `start` and `end` are node positions (N, 3) [m]. Clusters of more than `MOST_RODS` rods are not looked at.
+    `start` and `end` are node positions (N, 3) [m]. Clusters of more than `MOST_RODS` rods are not checked.
     """
     for cluster in structure.clusters if spanning_forest(structure).closures else ():
         if len(cluster) > MOST_RODS or structure.elastic[list(cluster)].any():

@@ -31,7 +31,7 @@ for _k in range(3):
 
 @dataclass(frozen=True, eq=False)
 class StaticForces:
-    """What rods and supports carry under given string force densities and loads.
+    """Forces that rods and supports carry under given string force densities and loads.
 
     Attributes:
         rod_force_densities: (R,) [N/m], negative in compression; J λ / ℓ² of the thesis at rest.
@@ -93,7 +93,7 @@ def turned(vectors: Array) -> Array:
 
 
 class Equilibrium(NamedTuple):
-    """How well strings that only pull can hold a configuration."""
+    """Result of holding a configuration with strings that only pull."""
 
     force_densities: Array  # (M,) [N/m], >= 0
     residual: float  # [N], norm over the free coordinates
@@ -112,7 +112,7 @@ def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
 
 
 def _ends(structure: Structure) -> tuple[NDArray[np.int64], list[int]]:
-    """Where the ends of each rod are (R, 2), and what nodes the ones beyond the N nodes are copies of.
+    """Return the rows of each rod's ends (R, 2), and the nodes of which the rows beyond the N nodes are copies.
 
     The first rod of a joint has the joint's node, every other one a copy.
     """
@@ -130,9 +130,9 @@ def _ends(structure: Structure) -> tuple[NDArray[np.int64], list[int]]:
 
 
 def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Array]:
-    """How N nodes and C copies move (3N + 3C, p) as if rods were apart, and rows (3C + L, 3N + 3C) of what joins them.
+    """Motions (3N + 3C, p) of N nodes and C copies as if rods were apart, and rows (3C + L, 3N + 3C) that join them.
 
-    These are how far copies are off, and the L linear constraints.
+    The rows are the gaps between nodes and copies, and the L linear constraints.
     """
     ends, copied = _ends(structure)
     count = len(positions) + len(copied)
@@ -239,7 +239,7 @@ def equilibrium_force_densities(
 
 
 class BalancedStates(NamedTuple):
-    """All u with A u + f = 0: particular + any combination of modes (S, M); what no u balances is the residual."""
+    """Solutions u of A u + f = 0: particular + any combination of modes (S, M); what no u balances is the residual."""
 
     modes: Array
     particular: Array
@@ -264,7 +264,7 @@ def balanced_states(matrix: Array, external: Array) -> BalancedStates:
 
 
 def count_rigid_motions(positions: Array, motions: Array) -> int:
-    """How many independent motions of all nodes as one body lie in the span of the given ones (3N, q)."""
+    """Count the independent motions of all nodes as one body that lie in the span of the given ones (3N, q)."""
     left, singular, _ = np.linalg.svd(body_motions(positions), full_matrices=False)
     bodies = left[:, singular > RANK_TOLERANCE * singular[0]]  # nodes on one line: turning about it moves none
     span, _ = np.linalg.qr(motions)

@@ -1,4 +1,4 @@
-"""What follows from the ends of thin rods: direction, inertia, energy, the multiplier of rigidity; energy of all.
+"""Quantities of thin rods from their ends: direction, inertia, energy, the multiplier of rigidity; energy of all.
 
 Every function takes node positions and velocities (..., N, 3) in the world frame, SI units.
 """
@@ -143,7 +143,7 @@ def centre_of_mass(structure: Structure, nodes: Array) -> Array:
 
 
 def mass_places(structure: Structure) -> list[tuple[int, int, float, str]]:
-    """Where masses are as given, on nodes and rods: node rows i, j, the part s of the way between; and in words."""
+    """List the given masses on nodes and rods: node rows i, j, the part s of the way between; and a description."""
     points = [
         (i, i, 0.0, f"{one.mass:.4g} kg at {one.node}")
         for one in structure.given.point_masses
@@ -209,7 +209,7 @@ class Bars(NamedTuple):
 
     @classmethod
     def of(cls, structure: Structure) -> Bars:
-        """Those of a structure."""
+        """Bars of a structure: its elastic rods."""
         rows = np.flatnonzero(structure.elastic)
         damping = np.array([structure.rods[row].damping for row in rows], float)
         lengths = structure.rod_lengths[rows]

@@ -45,7 +45,7 @@ class RopeStart(enum.Enum):
 
 
 class Given(NamedTuple):
-    """What a structure was made of: its ropes are strings among the others, and their points are not there.
+    """Members that a structure was made of: ropes are strings among the others, without their points.
 
     Nodes of a rope are there where one of them stands elsewhere than on the straight line between the rope's ends.
     """
@@ -74,7 +74,7 @@ class Rope:
 
     @classmethod
     def of(cls, string: String, nodes: Mapping[str, Vector], plane: Vector | None) -> Rope:
-        """Of a string with mass between two of these nodes; a plane that all else moves in, or None."""
+        """Make the rope of a string with mass between two of these nodes; `plane`: that all else moves in, or None."""
         n = string.segments or DEFAULT_SEGMENTS
         start, end = (np.array(nodes[name]) for name in string.nodes)
         length = float(np.linalg.norm(end - start))
@@ -94,7 +94,7 @@ class Rope:
         return cls(string, tuple(parts), tuple(points), tuple((x, y, z) for x, y, z in places.tolist()))
 
     def by_rest_length(self) -> Rope:
-        """The rope given by the rest length that it has, whatever it was given by: elsewhere it keeps that."""
+        """Return the rope given by its rest length, even if it was given by a tension or a force density."""
         rest = sum(part.rest_length or 0.0 for part in self.parts)
         return replace(self, string=replace(self.string, rest_length=rest, tension=None, force_density=None))
 
@@ -180,7 +180,7 @@ def _check_points(string: String, nodes: Mapping[str, Vector]) -> None:
 
 
 def as_given(structure: Structure) -> Given:
-    """What a structure was made of, with each rope in place of its parts.
+    """Return the members that a structure was made of, with each rope in place of its parts.
 
     A rope has what was changed of all its parts alike. Where they were changed one by one, or some are gone, there is
     no rope any more, and what is left of it stands by itself; where all are gone, so are its points.

@@ -54,7 +54,7 @@ class Scene:
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
         water: with its surface at z = 0, waves and current; None, the default, for none.
-        elements: whatever else acts on nodes, see `Element`.
+        elements: other effects on nodes, see `Element`.
         rope_start: velocities of the points of strings with mass where supports move and no initial velocities are
             given: at rest in the world, or as on a straight line between the string's ends.
 
@@ -114,7 +114,7 @@ class Scene:
         return f"<Scene {self.name!r}: {size}{law}, {self.duration:g} s>"
 
     def _repr_png_(self) -> bytes | None:
-        """Its picture at the start, for notebooks; None where none can be drawn: they show the text then."""
+        """Draw the scene at the start, for notebooks; None where that fails: they show the text then."""
         return pictured.draw(self)
 
     @cached_property
@@ -148,13 +148,13 @@ class Scene:
 
     @cached_property
     def break_times(self) -> Array:
-        """When each string breaks (M,) [s], ∞ for never."""
+        """Times at which the strings break (M,) [s], ∞ for never."""
         times = {event.string: event.time for event in self.breaks}
         return np.array([times.get(string.name, np.inf) for string in self.structure.strings], float)
 
     @cached_property
     def effects(self) -> tuple[Element, ...]:
-        """All that acts on nodes beside strings and gravity, in the order in which forces add up."""
+        """Effects on nodes other than strings and gravity, in the order in which forces add up."""
         loads = (NodalLoads(),) if callable(self.loads) or self.loads else ()
         resistance = () if self.resistance is None else self.resistance.elements
         nodal = (NodalDamping(),) if any(point.damping for point in self.structure.point_masses) else ()
@@ -177,7 +177,7 @@ class Scene:
         return forces
 
     def moving(self, velocity: Vector = STILL, angular_velocity: Vector = STILL, center: Vector | None = None) -> Scene:
-        """A copy that starts with a velocity of the whole besides that of its nodes, as `scene.whole` of a file.
+        """Return a copy that starts with a velocity of the whole added to its nodes', as `scene.whole` of a file does.
 
         Arguments are the fields of `Whole`; SceneError where supports, planes or fixed nodes do not let it move so.
         """

@@ -1,4 +1,4 @@
-"""What makes a scene valid: that each part of it fits the structure."""
+"""Checks of a scene: each part of it must fit the structure."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _broken(
 def _deviations(
     structure: Structure, values: Array, base: Array, moved: Mapping[str, Array]
 ) -> Iterator[tuple[str, Any, float]]:
-    """How far each support and plane, of rods and point masses, is from being kept.
+    """Deviations of rods and point masses from each of their supports and planes.
 
     Args:
         values, base: (N, 3) of the nodes, and what supports hold them at: positions, or velocities.

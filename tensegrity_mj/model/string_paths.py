@@ -32,7 +32,7 @@ class Paths:
 
     @classmethod
     def of(cls, rows: Iterable[Sequence[int]]) -> Paths:
-        """Of strings through nodes of these rows, two or more each."""
+        """Make the paths of strings through nodes of these rows, two or more each."""
         pairs: list[tuple[int, int]] = []
         ranges: list[tuple[int, int]] = []
         for path in rows:

@@ -28,7 +28,7 @@ EDGE = 1e-12  # of its length: within round-off of its rest length, a string is 
 
 
 class StringLaw(enum.Enum):
-    """Whether the total tension of a taut string is clipped at zero (a real string) or not."""
+    """Law of taut strings: total tension clipped at zero (a real string), or not."""
 
     CLIPPED = "clipped"
     UNCLIPPED = "unclipped"
@@ -82,7 +82,7 @@ def rest_length(stiffness: ArrayLike | TensionCurves, length: ArrayLike, force_d
 def on_taut_side(
     lengths: Array, rest_lengths: Array, nodes: Array, broken: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which strings (M,) a linear model has as taut, and which of these are at the edge of slackness.
+    """Return masks (M,) of the strings that are taut in a linear model, and of those at the edge of slackness.
 
     At the edge, where a string is as long as at rest to round-off, the model is that of the taut side. What is broken,
     or has no length and so no direction, is not taut. Nodes (N, 3) far from the origin have fewer digits for lengths:

@@ -47,7 +47,7 @@ class Structure:
         rods, strings, point_masses, bodies: the members, each naming its nodes; see `lone_masses` for the masses.
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
-        constraints: what nodes keep besides, each a linear equation of their coordinates.
+        constraints: other conditions on nodes, each a linear equation of their coordinates.
         ropes: of the strings with mass, what stands for them among `nodes`, `strings` and `point_masses`; not to be
             given. `given` has these as they were.
 
@@ -98,7 +98,7 @@ class Structure:
         name: str = "structure",
         string_law: StringLaw = StringLaw.CLIPPED,
     ) -> Structure:
-        """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2), or M paths, as node indices from 0.
+        """Make a structure of arrays: nodes (N, 3); rods (R, 2) and strings (M, 2), or M paths, as node indices from 0.
 
         Scalars broadcast over members; no `string_mass` is 0. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
 
@@ -198,12 +198,12 @@ class Structure:
 
     @cached_property
     def given(self) -> Given:
-        """What it was made of: `nodes`, `rods`, `strings` and `point_masses` with ropes as strings with mass."""
+        """Members as given: `nodes`, `rods`, `strings` and `point_masses` with ropes as strings with mass."""
         return as_given(self)
 
     @cached_property
     def massless(self) -> Structure:
-        """As laws see it: ropes are light strings, so that nodes are the first of this structure's; or this itself.
+        """Structure as laws see it: ropes are light strings, so that nodes are this one's first; or this one itself.
 
         Raises:
             StructureError: where a string is tied to a point of a rope.
@@ -257,7 +257,7 @@ class Structure:
 
     @cached_property
     def moving_frames(self) -> tuple[Frame, ...]:
-        """Those of the bodies that are not held."""
+        """Frames of the bodies that are not held."""
         return tuple(frame for body, frame in zip(self.bodies, self.frames, strict=True) if not body.held)
 
     @cached_property
@@ -302,7 +302,7 @@ class Structure:
 
     @cached_property
     def elastic(self) -> NDArray[np.bool_]:
-        """Which rods are elastic, (R,)."""
+        """Mask (R,) of the elastic rods."""
         return _readonly(np.isfinite(self.rod_stiffness))
 
     @cached_property
@@ -340,7 +340,7 @@ class Structure:
 
     @cached_property
     def curves(self) -> TensionCurves:
-        """Their tensions by their stretches."""
+        """Tension curves of the strings, over their stretches."""
         return TensionCurves.of(self.strings)
 
     @cached_property
@@ -356,7 +356,7 @@ class Structure:
 
     @cached_property
     def rest_lengths(self) -> Array:
-        """L0 (M,) [m], resolved from whatever the strings specify at the reference nodes; 0 of a constant force."""
+        """L0 (M,) [m], from what each string specifies at the reference nodes; 0 for a constant force."""
         return _readonly(self.curves.rest_lengths(self.strings, self.string_lengths(self.positions)))
 
     def string_lengths(self, nodes: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What makes a structure valid: how its members fit each other."""
+"""Checks of a structure: its members must fit each other."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def check_structure(structure: Structure) -> None:
 
 
 def size_of(structure: Structure) -> float:
-    """What tolerances of lengths are relative to [m]: the extent, or for a single node its distance from 0, or 1."""
+    """Length [m] that tolerances are relative to: the extent, or for a single node its distance from 0, or 1."""
     positions = structure.positions
     return float(np.ptp(positions, axis=0).max()) or float(np.abs(positions).max()) or 1.0
 
@@ -220,7 +220,7 @@ def check_prestress(string: String, length: float, rest: float) -> None:
 
 
 def _is_level(string: String) -> bool:
-    """Whether a curve ends without a slope."""
+    """Return whether a string's curve ends with a slope of zero."""
     return len(string.curve) > 1 and string.curve[-1][1] == string.curve[-2][1]
 
 

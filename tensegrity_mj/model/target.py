@@ -143,7 +143,7 @@ class Curve:
 
 @value("target")
 class Target:
-    """Where a controller is to take the nodes: a set-point, a path through waypoints, or a curve of shapes.
+    """Target positions of the nodes for a controller: a set-point, a path through waypoints, or a curve of shapes.
 
     On a path, every rod's b moves along the great circle and its r along the straight line between two waypoints, with
     quintic timing (at rest at each waypoint). On a curve, the nodes follow one polynomial through given shapes, whose

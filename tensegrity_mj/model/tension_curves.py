@@ -45,7 +45,7 @@ class TensionCurves:
 
     @classmethod
     def of(cls, strings: Sequence[String]) -> TensionCurves:
-        """Those of a structure's strings."""
+        """Make the curves of a structure's strings."""
         most = max([1, *(len(string.curve) for string in strings)])
         starts, tensions = np.full((len(strings), most), np.inf), np.zeros((len(strings), most))
         slopes = np.zeros((len(strings), most))
@@ -67,7 +67,7 @@ class TensionCurves:
 
     @cached_property
     def linear(self) -> bool:
-        """Whether all strings have no more than their stiffness."""
+        """True where all strings have a stiffness and no curve beyond it."""
         return self.starts.shape[1] == 1 and not self.constant.any()
 
     @cached_property
@@ -88,11 +88,11 @@ class TensionCurves:
         return np.concatenate([np.zeros((len(self.starts), 1)), np.cumsum(gains, axis=1)], axis=1)
 
     def only(self, kept: NDArray[np.bool_]) -> TensionCurves:
-        """With those of other strings (M,) at zero: they are broken."""
+        """Return the curves with those of other strings than `kept` (M,) at zero: they are broken."""
         return replace(self, tensions=self.tensions * kept[:, None], slopes=self.slopes * kept[:, None])
 
     def pieces(self, stretch: Array) -> IntArray:
-        """Which piece holds each stretch (..., M); below zero the first."""
+        """Return the number of the piece that holds each stretch (..., M); below zero the first."""
         return np.asarray(np.maximum(np.sum(stretch[..., None] > self.starts, axis=-1) - 1, 0))
 
     def _beyond(self, stretch: ArrayLike) -> tuple[tuple[IntArray, IntArray], Array]:

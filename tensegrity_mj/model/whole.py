@@ -1,4 +1,4 @@
-"""Where a structure stands and how it starts as a whole: the table [scene.whole] of a file, and `Scene.moving`."""
+"""Place and motion of a structure as a whole at the start: [scene.whole] of a file, and `Scene.moving`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Whole:
             raise refused(self, f"rotation = {list(self.rotation)}; its length is an angle in rad, of at most 2π")
 
     def start(self, scene: Scene) -> Scene:
-        """The scene whose nodes have the velocity of the whole besides their own at t = 0.
+        """Return the scene whose nodes have the velocity of the whole added to their own at t = 0.
 
         Raises:
             SceneError: where supports, planes or fixed nodes do not let the whole move so.

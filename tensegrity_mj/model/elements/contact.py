@@ -40,7 +40,7 @@ FRICTION = number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1
 
 @value("contact")
 class Contact:
-    """What may touch in a scene, and how hard it is. MuJoCo alone has contact; other engines refuse the scene.
+    """Contacts in a scene and their stiffness. Only MuJoCo has contact; other engines refuse the scene.
 
     The defaults of `stiffness` and `damping` are critical damping with a time constant of 5 ms: a body that lands at
     2 m/s sinks in by some 4 mm and does not bounce. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)²
@@ -132,7 +132,7 @@ def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
 
 
 def _clearance(contact: Contact, centres: Array, radii: Array) -> Array:
-    """How far (P,) [m] balls are above the floor, along its normal."""
+    """Heights (P,) [m] of balls above the floor, along its normal."""
     assert contact.floor is not None
     if contact.terrain is None:
         return np.asarray(centres @ contact.up - contact.floor - radii)
@@ -167,7 +167,7 @@ def sharing(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.b
 def touching_boxes(low: Array, high: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Pairs of boxes from `low` to `high` (B, 3) that touch, each once with the lower number first, in pieces.
 
-    Boxes are swept along the axis on which fewest overlap: boxes that lie beside each other take time in proportion
+    Boxes are swept along the axis on which fewest overlap: boxes that lie side by side take time in proportion
     to their number, and pieces keep memory small however many overlap.
     """
     if len(low) < 2:
@@ -207,12 +207,12 @@ def segment_distances(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 
 def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
-    """What touches or overlaps at these node positions, in words that say by how much; none: empty."""
+    """Describe all that touches or overlaps at these node positions, and by how much; empty for none."""
     return [text for text, _, _ in _overlaps(structure, contact, nodes)]
 
 
 def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tuple[str, float, float]]:
-    """What overlaps, in words; by how much [m]; and the least mass [kg] that such a contact feels.
+    """List overlaps: in words; by how much [m]; and the least mass [kg] that such a contact feels.
 
     A rod's end feels m/4 of a free rod (1/m + (ℓ/2)²/J = 4/m), which all that it hangs on increases; two rods feel half
     of the mean, by 1/m₁ + 1/m₂.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def carried(scene: Scene) -> tuple[Element, ...]:
-    """What acts in a scene, for an engine that lets elastic rods pull itself."""
+    """Return the effects in a scene for an engine that computes the pull of elastic rods itself."""
     return tuple(ElasticRods(carried=True) if isinstance(one, ElasticRods) else one for one in scene.effects)
 
 

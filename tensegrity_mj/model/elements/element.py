@@ -1,6 +1,6 @@
 """The noun of this package: an element, a physical effect that acts on nodes.
 
-Loads, wind, drag, bending of joints and water are elements, and so is whatever a subclass of `Element` says, in Python:
+Loads, wind, drag, bending of joints and water are elements, and so is any subclass of `Element`, in Python:
 
     @dataclass(frozen=True)
     class GroundSpring(Element):
@@ -22,7 +22,7 @@ One that remembers, such as a dashpot in series with a spring, has a state: `sta
 integrate with the equations of motion. `act`, `given` and `energy` then take the state, too, as their last argument.
 
 Engines, the balance of energy, linear models, stable steps and statics know elements by this interface alone. One that
-is to be as fast as those of the package names a compiled function besides (docs/elements.md).
+is to be as fast as those of the package also names a compiled function (docs/elements.md).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class Work(enum.Enum):
-    """Where the work of an element's forces goes in the balance of energy."""
+    """Place of the work of an element's forces in the balance of energy."""
 
     GIVEN = "given"  # to the external work: forces that something outside drives
     LOST = "lost"  # to the dissipation, but for what surroundings that move give (`Element.given`)
@@ -93,31 +93,31 @@ class Element:
         raise NotImplementedError
 
     def given(self, scene: Scene, time: float, nodes: Array, velocities: Array) -> float:
-        """Of a LOST element whose surroundings move: the power [W] that they give. Depends on the forces alone."""
+        """Power [W] that the moving surroundings of a LOST element give. Depends on the forces alone."""
         return 0.0
 
     def energy(self, scene: Scene, nodes: Array) -> float:
-        """Of a STORED element: what it has stored [J] at positions (N, 3) [m]."""
+        """Energy [J] that a STORED element holds at positions (N, 3) [m]."""
         return 0.0
 
     def state0(self, scene: Scene) -> Array:
-        """Of an element with a state: that at the start (S,), in units of its own."""
+        """State (S,) at the start, for an element with a state, in units of its own."""
         raise NotImplementedError
 
     def rates(self, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> Array:
-        """Of an element with a state (S,): its derivative in time (S,)."""
+        """Time derivative (S,) of the state (S,), for an element with a state."""
         raise NotImplementedError
 
     def lost(self, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> float:
-        """Of a STORED element with a state: the power [W] that it loses, -dE/dt - F·v = -∂E/∂state · rates."""
+        """Power [W] that a STORED element with a state loses, -dE/dt - F·v = -∂E/∂state · rates."""
         return 0.0
 
     def adds_mass_to(self, scene: Scene) -> bool:
-        """Whether `alpha` of the rods of a scene is more than zero anywhere, so that engines must answer it."""
+        """Return whether `alpha` of a scene's rods is more than zero anywhere, so that engines must include it."""
         return self.adds_mass and bool(scene.structure.rods)
 
     def alpha(self, scene: Scene, time: float, nodes: Array) -> Array:
-        """α (..., R, 2, 2) [kg]: each rod's nodes feel -Σ_j α_ij P a_j besides, P taking what is across the rod."""
+        """Added mass α (..., R, 2, 2) [kg]: each rod's nodes also feel -Σ_j α_ij P a_j, P projecting across the rod."""
         return np.zeros((*nodes.shape[:-2], len(scene.structure.rods), 2, 2))
 
 
@@ -157,7 +157,7 @@ def state_names(scene: Scene) -> tuple[str, ...]:
 def split_states(
     elements: Sequence[Element], scene: Scene, states: Array | None, shape: tuple[int, ...] = ()
 ) -> Iterator[tuple[Array, ...]]:
-    """What each element's functions take of all states (*shape, S), the start's by default: its own, or nothing."""
+    """Split all states (*shape, S), the start's by default, into the arguments of each element: its own, or none."""
     if states is None:
         start = states_at_start(elements, scene)
         states = np.broadcast_to(start, (*shape, len(start)))
@@ -195,12 +195,12 @@ def forces_of(
 
 
 def acted(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array, *state: Array) -> Array:
-    """What `act` returns, (N, 3); ValueError where it is no finite array of that shape."""
+    """Return an element's forces (N, 3) by `act`; ValueError where they are no finite array of that shape."""
     return as_forces(element.act(scene, time, nodes, velocities, *state), nodes.shape)
 
 
 def rated(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> Array:
-    """What `rates` returns, of the shape of the state (S,); ValueError where it is no finite array of that shape."""
+    """Return an element's rates (S,) by `rates`; ValueError where they are no finite array of the state's shape."""
     found = np.asarray(element.rates(scene, time, nodes, velocities, state), float)
     if found.shape != state.shape or not np.all(np.isfinite(found)):
         raise ValueError(f"its rates have shape {found.shape}; they must be finite {state.shape}, as its state0")
@@ -208,7 +208,7 @@ def rated(element: Element, scene: Scene, time: float, nodes: Array, velocities:
 
 
 def as_forces(returned: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """What a function returned, as an array; ValueError where it is no finite one of that shape."""
+    """Return forces that a function gave as an array; ValueError where it is no finite one of that shape."""
     forces = np.asarray(returned, float)
     if forces.shape != shape or not np.all(np.isfinite(forces)):
         raise ValueError(f"it returned shape {forces.shape}; it must return finite {shape} [N]")
@@ -216,7 +216,7 @@ def as_forces(returned: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def energy_of(elements: Sequence[Element], scene: Scene, nodes: Array, states: Array | None = None) -> Array:
-    """What elements have stored [J], (...), at positions (..., N, 3) and states (..., S), the start's by default."""
+    """Energy stored in elements [J], (...), at positions (..., N, 3) and states (..., S), the start's by default."""
     out = np.zeros(nodes.shape[:-2])
     for element, own in zip(elements, split_states(elements, scene, states, out.shape), strict=True):
         if element.work is not Work.STORED:
@@ -293,7 +293,7 @@ def check_elements(scene: Scene) -> None:
 
 
 def _state_at_start(element: Element, scene: Scene) -> Array:
-    """What `state0` returns; ValueError where it is no finite array (S,) of one number or more."""
+    """Return the state of `state0`; ValueError where it is no finite array (S,) of one number or more."""
     state = np.asarray(element.state0(scene), float)
     if state.ndim != 1 or not state.size or not np.all(np.isfinite(state)):
         raise ValueError(f"its state0 is {state.tolist()}; it must be an array (S,) of one finite number or more")

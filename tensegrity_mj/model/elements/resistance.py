@@ -1,4 +1,4 @@
-"""What resists motion: the fluid around rods, stiffness and damping of joints in bending, damping of point masses.
+"""Resistance to motion: the fluid around rods, stiffness and damping of joints in bending, damping of point masses.
 
 With u = v - w the velocity of a point of a rod [m/s] in a fluid that moves with the wind w, a rod feels per length
 
@@ -83,7 +83,7 @@ class Drag:
 
 @value("resistance")
 class Resistance:
-    """What resists motion in a scene; the default is nothing.
+    """Resistance to motion in a scene; by default there is none.
 
     Attributes:
         viscous: c [N s/m²], >= 0: force per length and velocity.
@@ -99,7 +99,7 @@ class Resistance:
 
     @property
     def elements(self) -> tuple[Element, ...]:
-        """What acts: a fluid around the rods, stiffness and damping of joints."""
+        """Elements that act: a fluid around the rods, stiffness and damping of joints."""
         found: list[Element] = []
         if self.viscous or self.drag is not None:
             found.append(FluidResistance(self))
@@ -174,7 +174,7 @@ class FluidResistance(Element):
         return out
 
     def given(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> float:
-        """Of the wind."""
+        """Power [W] that the wind gives."""
         return float(np.sum(self.act(scene, time, nodes, velocities) @ np.array(self.resistance.wind)))
 
 

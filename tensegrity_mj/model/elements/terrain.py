@@ -90,9 +90,9 @@ class Terrain:
         return start + low * (end - start), start + max(low, high) * (end - start)
 
     def clearance(self, centres: Array, radius: Array) -> Array:
-        """How far (P,) [m] balls can sink before they touch; negative: how far they must rise.
+        """Distances (P,) [m] that balls can sink before they touch; negative where they must rise.
 
-        Of each ball 35 places are held against the surface, which is right to some per cent of its radius.
+        Each ball is compared with the surface at 35 places, which is accurate to some per cent of its radius.
 
         Args:
             centres: (P, 3) [m], heights above the level of the floor.

@@ -68,7 +68,7 @@ GAUSS_POINTS, GAUSS_WEIGHTS = _gauss(3)
 
 
 class Weights(enum.Enum):
-    """How loads on a rod are shared between its two nodes."""
+    """Rule by which loads on a rod are shared between its two nodes."""
 
     RIGID = "rigid"  # 1 - s and s: a rigid rod's, with the same force and the same moment
     HERMITE = "hermite"  # (7.11)-(7.12): a clamped beam's, as the thesis has it; along the rod, one half each
@@ -125,7 +125,7 @@ class Water(Element):
         return self.weights is Weights.RIGID
 
     def adds_mass_to(self, scene: Scene) -> bool:
-        """Of rods alone, and with C_a."""
+        """Return whether there are rods and C_a > 0."""
         return self.added_mass > 0 and super().adds_mass_to(scene)
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
@@ -155,7 +155,7 @@ def sea_of(scene: Scene) -> Sea:
 
 
 def wet_parts(first: Array, second: Array) -> tuple[Array, Array]:
-    """Which part of a segment is under water, and the centre of that part as a part of the way along the segment.
+    """Compute the part of a segment under water, and the centre of that part as a part of the way along the segment.
 
     With u = sin θ the integrals are of trigonometric functions, which Gauss' rule of twelve points has to 1e-13.
 
@@ -257,7 +257,7 @@ def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Arr
 
 
 def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-    """What water does, but for what answers the rods' own accelerations; and how it answers these.
+    """Compute the forces of the water apart from its reaction to the rods' accelerations, and that reaction.
 
     Args:
         scene: any; without water, all is zero.
@@ -285,7 +285,7 @@ def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Ar
 
 
 def rod_loads(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-    """As `water_forces`, of a scene with water and rods: F⁰ (..., R, 2, 3) [N] on the ends of each rod, and α."""
+    """Compute F⁰ (..., R, 2, 3) [N] on each rod's ends, and α, as `water_forces`, in a scene with water and rods."""
     water, structure = scene.water, scene.structure
     assert water is not None
     wet = segments_of(scene, time, nodes, velocities)

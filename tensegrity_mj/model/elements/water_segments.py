@@ -1,4 +1,4 @@
-"""How many segments of a rod its waves need: a bound of the error of loads that are taken at the centres of segments.
+"""Number of segments that a rod needs in waves: an error bound for loads taken at the centres of segments.
 
 Along a rod of length ℓ, at s from 0 to 1, a wave of number k is e^{μs} with μ = κ (sin φ - i cos φ cos χ), κ = k ℓ, φ
 the rod's inclination and χ its heading against the wave: |μ| <= κ, however the rod turns. In water of finite depth it
@@ -81,7 +81,7 @@ class SegmentCount:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a run reports where the bound is too large."""
+        """Warnings of a run where the bound is too large."""
         if self.error_bound <= (PART if self.chosen else WARNED):
             return ()
         chosen = f"segments = {self.count}" + (", the most that are chosen," if self.chosen else "")
@@ -108,7 +108,7 @@ class SegmentCount:
         }
 
     def text(self) -> str:
-        """The same in words."""
+        """Summary of the report as text."""
         words = count_text(self.report())
         return (
             f"{words}: wave loads within {100 * self.error_bound:.2g} % of the largest" if self.wave_number else words
@@ -116,7 +116,7 @@ class SegmentCount:
 
 
 def count_text(report: Mapping[str, Any]) -> str:
-    """Of a `SegmentCount.report`, what members are cut into, in words."""
+    """Describe the number of segments a member in a `SegmentCount.report`."""
     members = " or ".join(report["kinds"])
     return f"{report['count']} segments a {members}, {'chosen' if report['chosen'] else 'given'}"
 

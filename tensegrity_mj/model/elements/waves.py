@@ -53,7 +53,7 @@ from tensegrity_mj.model.members import Vector
 
 
 class AboveLevel(enum.Enum):
-    """How the waves' velocities and accelerations go on above the still surface, where linear theory has none.
+    """Continuation of the waves' velocities and accelerations above the still surface, where linear theory has none.
 
     EXPONENTIAL takes the formulas as they are, as the thesis does: the fields stay solutions of Laplace's equation and
     meet the conditions of the linear free surface, but grow with height. CONSTANT takes the value at z = 0 instead,
@@ -115,7 +115,7 @@ def wave_number(angular_frequency: float, gravity: float, depth: float = math.in
 
 @dataclass(frozen=True, eq=False)
 class Sea:
-    """What water does at any place and time: components with their dispersion solved, and the current.
+    """Motion of the water at any place and time: components with their dispersion solved, and the current.
 
     Attributes:
         amplitude, frequency, number, direction, phase: (W,) A [m], ω [rad/s], k [1/m], χ and ε [rad].
@@ -225,7 +225,7 @@ CELLS = 50_000  # of e: the midpoint rule is then off by 1e-9 of the energy, γ^
 
 
 class Shape(enum.Enum):
-    """How the energy of a sea lies around its peak."""
+    """Shape of a sea's energy spectrum around its peak."""
 
     JONSWAP = "jonswap"  # of a growing sea under wind, with a sharp peak
     PIERSON_MOSKOWITZ = "pierson_moskowitz"  # of a fully grown one

@@ -62,7 +62,7 @@ def read_fields(cls: type[T], table: Table, more: Sequence[str] = ()) -> T:
 
 
 def read_key(one: Key, table: Table, key: str) -> Any:
-    """What a key of a table holds for a field."""
+    """Read the value of a field from a key of a table."""
     kind = one.kind
     if kind.part is None or key not in table.data:
         return kind.load(table.get(key, kind.need, kind.fits))
@@ -73,7 +73,7 @@ def read_key(one: Key, table: Table, key: str) -> Any:
 
 
 def built(table: Table, cls: type, make: Callable[[], T], values: Mapping[str, Any] | None = None) -> T:
-    """What `make` makes of a table; errors of its class, which has these values, name the table in place of them."""
+    """Return `make()`; errors of its class, which has these values, name the table in place of them."""
     try:
         return make()
     except (StructureError, SceneError, FormatError) as error:
@@ -99,7 +99,7 @@ def check_kinds(key: str, one: Key, values: Iterable[Any]) -> None:
 
 
 def fields_of(value: Any) -> dict[str, Any]:
-    """What of a value is not None and, unless its class is written whole, not at its default; by its keys.
+    """Return, by key, the fields of a value that are not None and, unless its class is written whole, not defaults.
 
     Its class's name comes first, where it is registered.
     """

@@ -111,7 +111,7 @@ def _other_structure(top: Table, folder: Path | None) -> Structure:
 
 
 def _validated(where: str, build: Callable[[], T]) -> T:
-    """What `build` returns; an error of validation gets the file in front."""
+    """Return `build()`; an error of validation gets the file in front."""
     try:
         return build()
     except (StructureError, SceneError) as error:
@@ -158,12 +158,12 @@ def parse(text: str, where: str) -> dict[str, Any]:
 
 
 def _as_word(found: re.Match[str]) -> str:
-    """What stands for a text in quotes, which may be a part of a key; nothing for a comment."""
+    """Return a word in place of a text in quotes, which may be a part of a key; "" for a comment."""
     return "" if found[0].startswith("#") else "q"
 
 
 def _deeper(data: Any, most: int) -> bool:
-    """Whether tables and lists stand in each other more than `most` deep."""
+    """Return whether tables and lists are nested more than `most` deep."""
     level = [data]
     for _ in range(most):
         insides = [item.values() if isinstance(item, dict) else item for item in level]

@@ -63,13 +63,13 @@ def format_schema() -> dict[str, Any]:
 
 
 def _table(keys: Mapping[str, Any], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """Of a table that has these keys and no others."""
+    """Schema of a table that has these keys and no others."""
     found = {"type": "object", "properties": dict(keys), "additionalProperties": False}
     return found | ({"required": list(needed)} if needed else {})
 
 
 def _keys(cls: type, parts: dict[str, Any], only: Collection[str] | None = None) -> dict[str, Any]:
-    """Of each key of a class, or of some, with what its docstring says of them."""
+    """Schemas of the keys of a class, or of `only` some, with their descriptions from its docstring."""
     notes = re.findall(r"^    ([\w, ]+): (.+(?:\n {8}.+)*)", inspect.getdoc(cls) or "", re.MULTILINE)
     about = {name: " ".join(text.split()) for names, text in notes for name in names.split(", ")}
     keys = {key: one for key, one in item_of(cls).keys.items() if only is None or key in only}

@@ -1,4 +1,4 @@
-"""Where the text of a scene is: in a file, or in the package."""
+"""Sources of a scene's text: a file, or the package."""
 
 from __future__ import annotations
 

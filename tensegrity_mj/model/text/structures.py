@@ -72,7 +72,7 @@ def _written_out(table: Table) -> dict[str, list[dict[str, Any]]]:
 
 
 def _shared(tables: Table | None, name: str, kind: str) -> dict[str, Any]:
-    """What a table holds for a group, or all, of a kind of members, once it is certain that these may hold it."""
+    """Read and check the keys that a table gives to a group, or to all, of a kind of members."""
     if tables is None or name not in tables.data:
         return {}
     place = f"{tables.path}.{name}" + (f" (of {kind})" if name != kind else "")

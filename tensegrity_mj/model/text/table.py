@@ -87,7 +87,7 @@ class Table:
         return Table(data, self.file, f"{self.path}.{name}" if self.path else name, keys)
 
     def node_rows(self, structure: Structure, base: Array) -> Array:
-        """This table as node name = [x, y, z], over the rows of `base` (N, 3) for the nodes it leaves out.
+        """Read this table as node name = [x, y, z]; nodes that it leaves out have their rows of `base` (N, 3).
 
         Those of ropes are left out together with their ends, or move with them.
         """
