@@ -66,7 +66,7 @@ class Joints:
 
     @property
     def rank(self) -> int:
-        """How many of the rows say what no other does."""
+        """Number of independent rows."""
         C, _ = self._rows
         return int(np.linalg.matrix_rank(C if self.dense else C.toarray(), rtol=RANK))
 
@@ -122,7 +122,7 @@ DENSE = 150  # coordinates up to which matrices are dense
 
 
 def is_dense(bodies: int) -> bool:
-    """Whether the matrices of that many bodies are arrays."""
+    """Return whether the matrices of that many bodies are dense arrays."""
     return SLOTS * bodies <= DENSE
 
 

@@ -19,7 +19,7 @@ SLOTS = 5  # coordinates each; one more where rods lengthen, which are elastic, 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What of a structure does not depend on its state; B bodies, N nodes.
+    """Data of a structure that do not depend on its state; B bodies, N nodes.
 
     Attributes:
         body: (N,) of each node, the first in the forest of those that share it; B for a fixed one.
@@ -107,7 +107,7 @@ class Bodies:
 
 
 class Motion(NamedTuple):
-    """How nodes move with the coordinates y."""
+    """Derivatives of the node positions by the coordinates y."""
 
     b: Array  # (R, 3)
     T: Array  # (B, 3, slots - 3) the ways that b can turn, and lengthen
@@ -116,7 +116,7 @@ class Motion(NamedTuple):
 
 
 def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
-    """How the bodies of a structure move about these node positions (N, 3) [m]."""
+    """Compute the small motions of a structure's bodies about these node positions (N, 3) [m]."""
     R, B, slots = len(bodies.length), len(bodies.mass), bodies.slots
     first, second = bodies.structure.rod_nodes.T
     b = (nodes[second] - nodes[first]) / bodies.length[:, None]

@@ -48,7 +48,7 @@ class LawAtStates:
         return commands
 
     def derivative(self, model: Vibration, velocities: Array, time: float) -> LawDerivative:
-        """Its part of K and D at the state of a model, by central differences."""
+        """Compute the law's part of K and D at the state of a model, by central differences."""
         n, nodes = model.size, model.state.nodes
         size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
         units = model.motion(model.project(np.eye(n)).T)
@@ -90,7 +90,7 @@ class Loop:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the law follows small motions: it is continuous, and not held."""
+        """True where the law follows small motions: it is continuous, and not held."""
         return self.law is not None and self.mode is Mode.CONTINUOUS
 
     def at(self, nodes: Array, velocities: Array, rest_lengths: Array | None, time: float) -> Vibration:

@@ -1,4 +1,4 @@
-"""Which steps a contact can stand: the largest stable one, and the largest that resolves a landing.
+"""Steps that a contact allows: the largest stable one, and the largest that resolves a landing.
 
 At rest at the depth r a single contact (see `contact`) carries what pushes it down with a⁰ = -d k r / (1 - d), and a
 small motion about that depth obeys ẍ + D ẋ + K x = 0 with
@@ -69,7 +69,7 @@ def resolving_step(contact: Contact, scheme: Scheme) -> float:
 
 
 def check_contact(contact: Contact, scheme: Scheme, step: float) -> tuple[dict[str, float | bool], str]:
-    """What is known of a step [s] before a run, and the text of a warning or ""."""
+    """Check a step [s] before a run: return a report, and the text of a warning or ""."""
     limit, resolving = contact_limit(contact, scheme), resolving_step(contact, scheme)
     report: dict[str, float | bool] = {
         "limit": limit,

@@ -1,4 +1,4 @@
-"""What the forces of a state do to small motions of rods: their part of the geometric stiffness, and accelerations.
+"""Effect of a state's forces on small motions of rods: their part of the geometric stiffness, and accelerations.
 
     Σ (t_b - f r̈)·b on the turns of each rod
 

@@ -1,4 +1,4 @@
-"""What one step of a fixed-step integrator makes of small motions, and up to which step it does not blow them up.
+"""Linear stability of fixed-step integrators: the amplification of one step, and the largest stable step.
 
 With matrices of `small_motions` (M = 1; K, D with a law's parts; Ks, Ds what an integrator takes of strings; Db the
 blocks of Ds on single bodies: what a damper does between two kinematic trees is not in MuJoCo's derivative), one
@@ -77,7 +77,7 @@ def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) 
 
 
 def is_stable(model: Vibration, scheme: Scheme, step: float, extra: tuple[complex, ...] = ()) -> bool:
-    """Whether a step is within the limit: with a law, one look at this step instead of a search."""
+    """Return whether a step is within the limit; with a law only this step is checked, without a search."""
     if model.law is None:
         return step <= limit_of(model, scheme, extra)[0]
     if scheme is Scheme.RUNGE_KUTTA and step <= _bounds(model).stable_step(scheme):
@@ -86,7 +86,7 @@ def is_stable(model: Vibration, scheme: Scheme, step: float, extra: tuple[comple
 
 
 def _bounds(model: Vibration) -> Bounds:
-    """Of a model with a law: no |x* K x| of unit vectors x is above the root of the sum of squares of K."""
+    """Bounds of a model with a law: no |x* K x| of unit vectors x is above the root of the sum of squares of K."""
     assert model.law is not None
     K, D = model.material + model.geometric + model.law.stiffness, model.damper + model.law.damping
     return Bounds(0.0, float(np.linalg.norm(K)), 0.0, float(np.linalg.norm(D)))
@@ -301,7 +301,7 @@ def _limit_with_law(model: Vibration, scheme: Scheme) -> tuple[float, Array]:
 
 
 def _is_stable(model: Vibration, scheme: Scheme, step: float, values: Any = None) -> bool:
-    """Whether no motion grows beyond the allowance; `values` are the eigenvalues of A, where they are known."""
+    """Return whether no motion grows beyond the allowance; `values` are A's eigenvalues, where they are known."""
     found = 0.0
     if scheme is not Scheme.RUNGE_KUTTA:
         found = np.abs(np.linalg.eigvals(amplification_matrix(model, scheme, step))).max(initial=0.0)

@@ -45,7 +45,7 @@ from tensegrity_mj.vibration.state import State
 
 @dataclass(frozen=True, eq=False)
 class LawDerivative:
-    """What a law adds to the linear model, in the coordinates y: matrices (n, n), not symmetric."""
+    """Contribution of a law to the linear model, in the coordinates y: matrices (n, n), not symmetric."""
 
     stiffness: Array
     damping: Array
@@ -90,7 +90,7 @@ class Vibration:
 
     @property
     def scene(self) -> Scene:
-        """What moves."""
+        """Scene of the model."""
         return self.state.scene
 
     @property
@@ -112,11 +112,11 @@ class Vibration:
 
     @property
     def is_dense(self) -> bool:
-        """Whether the matrices are arrays."""
+        """True where the matrices are dense arrays."""
         return is_dense(len(self.state.bodies.mass))
 
     def project(self, y: Array) -> Array:
-        """What joints allow of y (n, ...)."""
+        """Project y (n, ...) onto the motions that the joints allow."""
         return y if self.state.joints is None else self.state.joints.project(y)
 
     def motion(self, y: Array) -> Array:

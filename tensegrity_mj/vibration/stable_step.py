@@ -245,7 +245,7 @@ NEAR_POLE = 0.1  # sin φ below which the ODE's angles turn much faster than the
 
 
 def notes_on(model: Vibration, stepping: Stepping) -> tuple[str, ...]:
-    """What a model and its limit leave out, a sentence each."""
+    """List the effects that a model and its limit leave out, a sentence each."""
     return (*_of_strings(model), *_of_surroundings(model, stepping), *_of_integrator(model, stepping))
 
 

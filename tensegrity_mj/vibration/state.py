@@ -78,7 +78,7 @@ def nodal_blocks(scene: Scene, body: IntArray, turned: Array) -> list[Blocks]:
 def element_blocks(
     scene: Scene, time: float, nodes: Array, velocities: Array, body: IntArray, turned: Array
 ) -> tuple[Blocks, Blocks]:
-    """Of the scene's `elements`, stiffness (its symmetric part) and damping, by differences of their forces.
+    """Compute stiffness (its symmetric part) and damping of the scene's `elements`, by differences of their forces.
 
     Args:
         scene: which.
@@ -110,7 +110,7 @@ def _ends_of_joints(scene: Scene) -> tuple[IntArray, Array]:
 
 
 class State:
-    """What the matrices of a state and their bounds have in common.
+    """State of a scene, with what both its matrices and their bounds need.
 
     Args:
         scene: structure, gravity and loads.
@@ -141,12 +141,12 @@ class State:
 
     @cached_property
     def motion(self) -> Motion:
-        """How nodes move with the coordinates."""
+        """Derivatives of the node positions by the coordinates."""
         return motion_of_bodies(self.bodies, self.nodes)
 
     @cached_property
     def joints(self) -> Joints | None:
-        """What they and linear constraints forbid; None where there are none."""
+        """Motions that joints and linear constraints forbid; None where there are neither."""
         bodies, motion = self.bodies, self.motion
         held = self.scene.structure.constraint_rows.reshape(-1, len(bodies.body), 3)
         if not len(bodies.joints) and not len(held):
@@ -165,7 +165,7 @@ class State:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """What makes matrices of sums over segments and bodies."""
+        """Assembly that turns sums over segments and bodies into matrices."""
         return Assembly(self.scene.structure, self.bodies, self.motion.turned, self.joints)
 
     def bars(self) -> tuple[Blocks, Blocks]:

@@ -27,14 +27,13 @@ RUN_COORDINATES = 1000  # of a structure up to which the states of a run without
 
 
 def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
-    """What is known of the step before a run: for `run.reports["stability"]`, and the text of a warning or "".
+    """Check the step before a run: return `run.reports["stability"]`, and the text of a warning or "".
 
     A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never calls a
-    law of Python's, or one that is not a function of the state alone. None where there is nothing to check. What
-    contact needs of a step is looked at apart: `contact_steps`.
+    law of Python's, or one that is not a function of the state alone. None where there is nothing to check. The steps
+    that contact needs are checked separately, by `contact_steps`.
 
-    It is looked at once for a scene, an engine and a law, as long as the scene lives, where all are known to stay what
-    they are.
+    The result is kept for a scene, an engine and a law as long as the scene lives, if none of them can change.
     """
     if not dataclasses.is_dataclass(engine) or not _stays(scene, law):
         return _before_run(scene, engine, law, actuation)
@@ -49,7 +48,7 @@ _remembered = Remembered()
 
 
 def _stays(scene: Scene, law: NativeLaw) -> bool:
-    """Whether nothing of a scene and a law can have changed by the next check."""
+    """Return whether neither the scene nor the law can have changed by the next check."""
     of_python = callable(scene.loads) or any(motion.function is not None for motion in scene.motions)
     return not of_python and (not law.address or law.stateless)
 
@@ -82,7 +81,7 @@ def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuat
 
 
 def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> bool:
-    """Whether a run that is off may have its step to blame, which `explain_warnings` could find out.
+    """Return whether the step may be the cause of a run's warnings, so that `explain_warnings` should check it.
 
     Laws must be continuous; without one, the rest lengths stay.
     """
@@ -104,11 +103,11 @@ def explain_warnings(
     law: AnyLaw = SCENE_LAW,
     actuation: Actuation | None = None,
 ) -> None:
-    """Where a run has warnings, find out whether its step was beyond the largest stable one on its way.
+    """Check whether the step of a run with warnings was larger than the largest stable one at the states it passed.
 
-    Before a run the states that it will go through are not known: this looks at those that it has seen, which takes
-    about a second, often longer than the run. If the step is to blame, it becomes one of `run.reports["warnings"]`, and
-    `run.reports["stability"]` holds what was found. A run without warnings is not looked at.
+    The states of a run are not known before it: this checks those that were recorded, which takes about a second,
+    often longer than the run. If the step is the cause, `run.reports["warnings"]` gets a warning that says so, and
+    `run.reports["stability"]` the numbers. A run without warnings is not checked.
 
     Args:
         run, engine, law, actuation: as in the call of `simulate` that gave the run.

@@ -1,4 +1,4 @@
-"""How an engine steps, as far as small motions are concerned; every engine has it as `stepping`."""
+"""Description of an engine's steps, for the stability of small motions; every engine has one as `stepping`."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ class Scheme(enum.Enum):
 
 @dataclass(frozen=True)
 class Stepping:
-    """How an engine with its options steps. `Stepping()` of one that chooses its steps itself, or is not known here.
+    """Steps of an engine with its options. `Stepping()` for one that chooses its steps itself, or is not known here.
 
     Attributes:
         scheme: of its fixed steps, or None.
         timestep: [s] of these, or None where it chooses them or has none yet.
-        constraints: eigenvalues [1/s] of constraints that it stabilizes besides the motion.
+        constraints: eigenvalues [1/s] of the constraints that it also stabilizes.
         polar: whether the directions of rods in space are angles with a pole at the z axis, of class 1 alone.
         against_strings: an option that helps where a string limits the step, in words for messages; "" for none.
-        against_all: one that helps whatever limits it.
+        against_all: one that helps in every case.
         by_accuracy: whether it takes an accuracy in place of a step.
     """
 

@@ -1,4 +1,4 @@
-"""How MuJoCo's implicit integrators treat dampers in a tree of rods: the linear model in the tree's own coordinates.
+"""Stability of MuJoCo's implicit integrators with dampers in a tree of rods, in the tree's own coordinates.
 
 MuJoCo moves rods that share nodes as bodies that hang on each other. Its derivative of the forces by the velocities
 has an entry for two bodies only where one hangs on the other, however far down: what a damper does between two branches
@@ -54,7 +54,7 @@ class TreeModel:
 
 
 def has_tree_model(model: Vibration) -> bool:
-    """Whether the model is one of trees of rods, and small enough: no loops, no supports that are driven, no bodies."""
+    """Return whether a model consists of trees of rods, and is small: no loops, no driven supports, no bodies."""
     if model.state.joints is None or not model.is_dense or model.scene.motions or model.scene.contact is not None:
         return False
     structure = model.scene.structure
