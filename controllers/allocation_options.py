@@ -1,4 +1,4 @@
-"""What is wanted of the force densities, §4.4-4.5: objective, bounds and sums of `optimal_allocation`."""
+"""Options of the allocation of force densities, §4.4-4.5: objective, bounds and sums of `optimal_allocation`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HELD = (
 
 
 class WhenInfeasible(enum.Enum):
-    """What to do where no admissible u exists."""
+    """Action to take where no admissible u exists."""
 
     STOP = "stop"  # raise InfeasibleError, which names the constraint at fault
     RELAX = "relax"  # the u within its bounds that violates equations and sums least (sum of squares, SI units)
@@ -46,7 +46,7 @@ class Sum:
 
 @value("allocation", OptionError, eq=False)
 class Allocation:
-    """What is wanted of the force densities.
+    """Objective and constraints of the force densities.
 
     Attributes:
         weight: H: a number or (M,) for the diagonal, or a symmetric positive definite (M, M).
@@ -67,7 +67,7 @@ class Allocation:
 
     @property
     def discontinuous(self) -> str:
-        """Why a law with this allocation cannot run continuously, or ""."""
+        """Reason why a law with this allocation cannot run continuously, or ""."""
         if self.linear is not None:
             return LINEAR
         return HELD if self.on_infeasible is WhenInfeasible.HOLD else ""

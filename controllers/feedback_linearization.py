@@ -84,17 +84,17 @@ class FeedbackLinearization(ModelLaw):
 
     @property
     def allocator(self) -> Allocator:
-        """What solves for the force densities, with the options checked."""
+        """Solver for the force densities, with checked options."""
         return self._own.allocator
 
     @property
     def discontinuous(self) -> str:
-        """Why the law cannot run continuously; "" where it can."""
+        """Reason why the law cannot run continuously; "" where it can."""
         return self.allocation.discontinuous
 
     @property
     def report(self) -> Array:
-        """Of the last call, see `Report`."""
+        """Report (5,) of the last call, see `Report`."""
         return self._own.report
 
     def native(self, structure: Structure) -> NativeLaw:

@@ -1,4 +1,4 @@
-"""What a law accounts for beside strings and gravity: loads, wind, water, elements.
+"""Effects that a law accounts for in addition to strings and gravity: loads, wind, water, elements.
 
 They are part of its model, as gravity is: their forces are known forces, f of (7.1), and what they add to the mass of
 rods is mass.
@@ -34,14 +34,14 @@ Effect = Load | Resistance | Water | Element
 
 
 class KnownWater(enum.Enum):
-    """How much of a scene's water its law accounts for."""
+    """Part of a scene's water that its law accounts for."""
 
     ALL = "all"  # waves and current as they are
     STILL = "still"  # buoyancy, added mass and drag, as if the water stood still: waves and current are unknown
     NONE = "none"  # a law for dry land
 
     def of(self, water: Water | None) -> Water | None:
-        """That part of a scene's water; None for a dry scene."""
+        """Return that part of a scene's water; None for a dry scene."""
         if water is None or self is KnownWater.NONE:
             return None
         return water if self is KnownWater.ALL else replace(water, waves=(), current=(0.0, 0.0, 0.0))
@@ -89,7 +89,7 @@ class ModelLaw:
         structure: what the law believes it controls (masses, supports, lengths); no string of it has a mass.
         target: set-point, path or curve; an array (N, 3) counts as a set-point.
         gravity: g [m/s²] that the law accounts for.
-        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        known: other effects that the law accounts for: `Load`s, a `Resistance`, `Water`, elements, as (scene.water,).
         model: the scene in which these act.
 
     Raises:
@@ -122,14 +122,14 @@ class ModelLaw:
 
 
 class _Errors(list[Any]):
-    """What went wrong, without the elements that it was in."""
+    """List of errors, without the elements that raised them."""
 
     def append(self, failed: tuple[Element, BaseException]) -> None:
         super().append(failed[1])
 
 
 class PackedEffects:
-    """What a law accounts for, for compiled code (`dynamics.native.elements.known_forces`); to be kept alive.
+    """Effects that a law accounts for, packed for `dynamics.native.elements.known_forces`; to be kept alive.
 
     Attributes:
         address: of the table, 0 where nothing is known of.

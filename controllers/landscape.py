@@ -95,7 +95,7 @@ class Landscape:
 
 
 class Angles(NamedTuple):
-    """Where a rod is relative to its set-point; arrays (T,).
+    """Angles of a rod relative to its set-point; arrays (T,).
 
     Attributes:
         phi: from b_d to b, 0 to π [rad].

@@ -29,7 +29,7 @@ LEAST_VIOLATION = 1e-7  # of the curvature: the first step towards the least vio
 
 
 class Equation(NamedTuple):
-    """What one row of A u = d is called in messages."""
+    """Name of one row of A u = d in messages, and its unit."""
 
     name: str
     unit: str
@@ -148,7 +148,7 @@ class Allocator:
         return A, d
 
     def violation(self, A: Array, d: Array, u: Array) -> float:
-        """By how much u violates equations and sums at most, in their units."""
+        """Return the largest violation of an equation or a sum by u, in its unit."""
         missed = float(np.max(np.abs(A @ u - d), initial=0.0))
         return max(missed, float(np.max(self.sum_values - self.sum_rows @ u, initial=0.0)))
 
@@ -179,7 +179,7 @@ class Allocator:
         return int(status), u
 
     def _library(self, A: Array, d: Array) -> Array | None:
-        """The same by daqp, a library of its own: for a full H, and where Newton's method does not settle."""
+        """Find the optimal u by the library daqp: for a full H, and where Newton's method does not settle."""
         daqp = optional("daqp", "this allocation of force densities", of_extra("allocation"))
         H = np.diag(self.weight) if self.weight.ndim == 1 else self.weight
         M = len(self.names)
@@ -206,7 +206,7 @@ class Allocator:
         return u * size if np.all(np.abs(lacking) <= ACCURACY * (1.0 + np.abs(rows) @ np.abs(u))) else None
 
     def _size(self, b: Array) -> float:
-        """What to divide a problem by, so that its numbers are of the size of one."""
+        """Return the divisor that brings the numbers of a problem to the size of one."""
         return max(float(np.max(np.abs(b), initial=0.0)), float(np.max(self.lower, initial=0.0))) or 1.0
 
     def _program(self, A: Array, d: Array, cost: Any, slack: int = 0) -> tuple[Any, float]:
@@ -233,7 +233,7 @@ class Allocator:
         return found, size
 
     def _least_violation(self, A: Array, d: Array) -> Array:
-        """Of the u within their bounds that violate equations and sums least, the one of least cost.
+        """Find the u within bounds that violates equations and sums least; of several, the one of least cost.
 
         The proximal point method on the dual: its steps always have a solution, and u tends to the one sought.
         """
@@ -250,7 +250,7 @@ class Allocator:
         return u
 
     def fault(self, A: Array, d: Array) -> str:
-        """Which equation or sum cannot be met, by how much, and the bounds that stand in the way."""
+        """Describe the equation or sum that cannot be met, by how much, and the bounds that prevent it."""
         n, L, M = len(d), len(self.sum_values), len(self.names)
         # Phase 1: the least sum of violations, with every bound kept.
         slack = 2 * n + L

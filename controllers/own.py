@@ -58,13 +58,13 @@ class OwnLaw:
 
     @cached_property
     def _needed(self) -> int:
-        """How many arguments it needs by their places."""
+        """Number of positional arguments without a default."""
         places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
         return sum(one.kind in places and one.default is one.empty for one in self._parameters)
 
     @property
     def makes(self) -> bool:
-        """Whether it makes the law, rather than being it."""
+        """True where calling it makes the law; false where it is the law."""
         return isinstance(self.found, type) or (self._needed in (1, 2) and not hasattr(self.found, "native"))
 
     @cached_property
@@ -78,7 +78,7 @@ class OwnLaw:
 
     @property
     def takes_any(self) -> bool:
-        """Whether it takes options of any name."""
+        """True where it takes options of any name."""
         return any(one.kind is one.VAR_KEYWORD for one in self._parameters)
 
     def usual(self) -> dict[str, Any]:
@@ -130,7 +130,7 @@ class OwnLaw:
 
 
 def is_own(text: str) -> bool:
-    """Whether a text is meant as the name of a law of one's own, of a file or a module."""
+    """Return whether a text names a user-defined law, in a file or a module."""
     return ":" in text or text.endswith(".py")
 
 
@@ -171,7 +171,7 @@ def named(text: str) -> Spec:
 
 
 def found(spec: Mapping[str, Any]) -> OwnLaw:
-    """What `named` has named.
+    """Import the law that `named` has named.
 
     Raises:
         OptionError: if its file fails, its module cannot be imported, or it has no such name.
@@ -185,7 +185,7 @@ def found(spec: Mapping[str, Any]) -> OwnLaw:
 
 
 def title_of(spec: Mapping[str, Any]) -> str:
-    """What messages call it."""
+    """Return the law's name for messages."""
     return f"{spec.get('file') or spec.get('module')}:{spec['name']}"
 
 
@@ -207,7 +207,7 @@ def digest_of(module: types.ModuleType) -> dict[str, str]:
 
 
 def is_of_text(module: str) -> bool:
-    """Whether a module's name is that of a file's text, which no other process can import."""
+    """Return whether a module was made from a file's text, so that no other process can import it."""
     return module.startswith(_MODULE)
 
 

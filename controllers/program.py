@@ -1,4 +1,4 @@
-"""A program of rest lengths, open loop: strings are shortened and let out at given times, whatever the structure does.
+"""A program of rest lengths, open loop: strings are shortened and let out at given times, without any feedback.
 
 It is how robots roll and walk by a sequence of shapes. Each move takes one string's rest length from where it is to a
 fraction of its own, from rest to rest by the cubic 3 x² - 2 x³; between its moves it stands.

@@ -47,7 +47,7 @@ class Projection(QuadraticLaw):
 
     @property
     def projected_onto(self) -> Onto:
-        """What errors of b are projected onto."""
+        """Plane that the errors of b are projected onto."""
         return self.onto
 
     @cached_property

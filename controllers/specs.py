@@ -28,7 +28,7 @@ _here: dict[str, Any] = {}  # laws that only this process has
 
 
 def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) -> Spec:
-    """What a law is, as plain values.
+    """Describe a law by plain values, from which it can be made again.
 
     Args:
         law: SCENE_LAW for the scene's; None or "none" for none; a name of `LAWS`; "module:name" or "path.py:name"; a
@@ -57,7 +57,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
 
 
 def is_here(spec: Mapping[str, Any]) -> bool:
-    """Whether the law exists in this process only."""
+    """Return whether the law exists in this process only."""
     return bool(spec["kind"] == "object")
 
 
@@ -78,7 +78,7 @@ def make(spec: Mapping[str, Any], scene: Scene, more: Mapping[str, Any] | None =
 
 
 def own_of(spec: Mapping[str, Any]) -> OwnLaw | None:
-    """What a spec names, where that is a law of one's own or of an installed package.
+    """Return the law that a spec names if it is user-defined or of an installed package, otherwise None.
 
     Raises:
         OptionError: if its file fails, its module cannot be imported, or it has no such name.
@@ -90,7 +90,7 @@ def own_of(spec: Mapping[str, Any]) -> OwnLaw | None:
 
 
 def describe(spec: Mapping[str, Any], law: Any, scene: Scene) -> dict[str, Any]:
-    """What a law says of itself, and where it comes from, as plain values."""
+    """Collect a law's own description and its origin, as plain values."""
     native = native_law(law, scene.structure)
     return {
         "from": spec["name"] if spec["kind"] in ("built-in", "object") else title_of(spec),
@@ -104,12 +104,12 @@ def describe(spec: Mapping[str, Any], law: Any, scene: Scene) -> dict[str, Any]:
 
 
 def has_gains(law: Any) -> bool:
-    """Whether it has gains X, Y, Z of rods in the way of the laws of chapters 5 and 6."""
+    """Return whether a law has gains X, Y, Z of rods like the laws of chapters 5 and 6."""
     return all(has_option(law, name) for name in ("translation", "rotation", "decay_rate"))
 
 
 def has_option(law: Any, name: str) -> bool:
-    """Whether `dataclasses.replace` can give it another value of that name."""
+    """Return whether `dataclasses.replace` can set an option of that name."""
     return dataclasses.is_dataclass(law) and any(item.name == name and item.init for item in dataclasses.fields(law))
 
 
