@@ -1,8 +1,8 @@
-"""Laws made worse: what a real loop adds between the structure and its law, for any law, compiled or Python.
+"""Imperfect loops: the measurement noise and the delay of a real loop, around any law, compiled or Python.
 
 `Noisy` measures nodes with normally distributed errors, `Delayed` answers some samples late. Both belong to a control
 period and run sampled. Both depend on the number of the sample alone, not on the engine nor on how often they are
-called, so that runs in different engines stay comparable. They may be put around each other.
+called, so that runs in different engines stay comparable. They can be nested.
 """
 
 from __future__ import annotations
@@ -155,8 +155,8 @@ class _Sampled:
         """Quantity that the law within returns."""
         return getattr(self.law, "command", Command.FORCE_DENSITY)
 
-    def _around(self, inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
-        """A compiled function around the law within, whose context is `packed`."""
+    def _wrapped(self, inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
+        """Wrap the law within in a compiled function whose context is `packed`."""
         return replace(
             around(inner, function, packed),
             discontinuous=self.discontinuous,
@@ -223,7 +223,7 @@ class Noisy(_Sampled):
             velocities=np.zeros((count, 3)),
             moving=moving,
         )
-        return self._around(inner, _noisy, packed)
+        return self._wrapped(inner, _noisy, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
@@ -252,7 +252,7 @@ class Delayed(_Sampled):
         self.law = law
         self.samples: int = checked("Delayed: samples", samples, whole(0))
         self.period = positive("Delayed: period", period, "s")
-        self._answers: dict[int, ArrayLike] = {}
+        self._commands: dict[int, ArrayLike] = {}
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> ArrayLike:
         """The command of an earlier sample; to be called at every sample, from 0 on.
@@ -262,14 +262,14 @@ class Delayed(_Sampled):
         """
         sample = round(time / self.period)
         if sample == 0:
-            self._answers.clear()
-        self._answers[sample] = self.law(time, nodes, velocities)
+            self._commands.clear()
+        self._commands[sample] = self.law(time, nodes, velocities)
         wanted = max(sample - self.samples, 0)
-        if wanted not in self._answers:
+        if wanted not in self._commands:
             raise OptionError(f"Delayed: sample {wanted} was left out; call the law at every sample, from 0 on")
-        for old in [number for number in self._answers if number < wanted]:
-            del self._answers[old]
-        return self._answers[wanted]
+        for old in [number for number in self._commands if number < wanted]:
+            del self._commands[old]
+        return self._commands[wanted]
 
     def native(self, structure: Structure) -> NativeLaw:
         """The law for one run, compiled."""
@@ -284,7 +284,7 @@ class Delayed(_Sampled):
             commands=np.zeros((slots, size)),
             reports=np.full((slots, REPORT_SIZE), np.nan),
         )
-        return self._around(inner, _delayed, packed)
+        return self._wrapped(inner, _delayed, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

@@ -48,7 +48,7 @@ class KnownWater(enum.Enum):
 
 
 def known_scene(structure: Structure, gravity: tuple[float, float, float], known: Iterable[Effect]) -> Scene:
-    """The scene of a law's own model, in which acts what the law accounts for.
+    """Make the scene of a law's own model, with the effects that the law accounts for.
 
     Raises:
         OptionError: for what cannot act there, for two waters or resistances, and for elements with a state.
@@ -116,8 +116,8 @@ class ModelLaw:
         model = known_scene(structure, (x, y, z), self.known)
         loads: Any = model.loads  # no function here
         known = tuple(one for one in (*loads, model.resistance, model.water, *model.elements) if one is not None)
-        kept = {"structure": structure, "target": target, "gravity": (x, y, z), "known": known, "model": model}
-        for name, value in kept.items():
+        fields = {"structure": structure, "target": target, "gravity": (x, y, z), "known": known, "model": model}
+        for name, value in fields.items():
             object.__setattr__(self, name, value)
 
 

@@ -1,8 +1,8 @@
-"""Laws of one's own: what "path.py:name", "module:name" and the entry points of `tensegrity_mj.laws` name.
+"""User-defined laws, named by "path.py:name", "module:name" or an entry point of `tensegrity_mj.laws`.
 
-It may be the law itself, a function (time, nodes, velocities, ...) or an object that is called so; or what makes one:
-a class, or a function of one or two arguments that it needs, the first of which is the scene. Further arguments of a
-function or a class are options of the law, of the types that their annotations say.
+The name may be of the law itself, a function (time, nodes, velocities, ...) or a callable object; or of its maker,
+a class, or a function with one or two required arguments, the first of which is the scene. Further arguments of a
+function or a class are options of the law, of the types in their annotations.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ _LAW = "a function (time, nodes, velocities) -> u, or an object that is called s
 
 @dataclass(frozen=True)
 class OwnLaw:
-    """A law of one's own, or what makes it.
+    """A user-defined law, or the function or class that makes it.
 
     Attributes:
-        title: what messages call it.
+        title: its name in messages.
         found: what was found under its name.
     """
 
@@ -135,9 +135,9 @@ def is_own(text: str) -> bool:
 
 
 def named(text: str) -> Spec:
-    """A law of one's own as plain values, from "module:name" or "path.py:name".
+    """Describe a user-defined law by plain values, from "module:name" or "path.py:name".
 
-    Of a file, the text itself is among them: what a worker runs is what was read, and a changed file is another law.
+    For a file, its text is one of them: workers run the text that was read, and a changed file is another law.
 
     Raises:
         OptionError: if it is no such text, or there is no such file or module.

@@ -33,7 +33,7 @@ AnyLaw = Law | Callable[..., ArrayLike] | SceneLaw | None
 
 
 def law_for(scene: Scene, law: Any) -> Any:
-    """The law that a call runs: for SCENE_LAW the scene's own, None where it has none; any other as it is given.
+    """Return the law that a call runs: for SCENE_LAW the scene's own, None where it has none; any other unchanged.
 
     Raises:
         OptionError: where the scene's own law cannot be made.
@@ -86,7 +86,7 @@ def named_in(scene: Scene) -> str:
 
 
 def law_named(name: Any, where: str) -> NamedLaw | OwnLaw:
-    """The law of a name, or what a text with a colon or the path of a Python file names.
+    """Return the law of a name, or of a text with a colon or the path of a Python file.
 
     Raises:
         OptionError: if it is none; `where` begins the message.

@@ -1,6 +1,6 @@
 """A law as plain values, its spec, so that any process can make it: by name, from a module, or from a file's text.
 
-A law object that no other process could make stays in this one, and is run there. The spec of a law of one's own has
+A law object that no other process could make stays in this one, and is run there. The spec of a user-defined law has
 the digest of its source, so that a study knows a law that has changed for another one.
 """
 
@@ -53,7 +53,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
         raise OptionError(f"law = {law!r}: it must be a law, a function (time, nodes, velocities) -> u, or a text")
     if given:
         raise OptionError(f"law_options: {', '.join(given)}: they are for laws that a text names; make it with its own")
-    return _built_in(law, scene) or _imported(law) or _kept(law, scene)
+    return _built_in(law, scene) or _imported(law) or _registered(law, scene)
 
 
 def is_here(spec: Mapping[str, Any]) -> bool:
@@ -162,7 +162,7 @@ def _imported(law: Any) -> Spec | None:
     return {"kind": "module", "module": module, "name": name, "options": {}, **digest_of(home)}
 
 
-def _kept(law: Any, scene: Scene) -> Spec:
+def _registered(law: Any, scene: Scene) -> Spec:
     if OwnLaw(getattr(law, "__name__", type(law).__name__), law).makes:
         raise OptionError(
             f"law {law!r}: what makes a law must stand at the top of its module, where it can be imported"

@@ -1,4 +1,4 @@
-"""Checks of what a caller hands over, with one message for each kind of mistake."""
+"""Checks of arguments, with one message for each kind of mistake."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def instance(what: str, value: Any, of: type | tuple[type, ...], remedy: str) ->
 
 
 def check_known(where: str, name: str, names: Collection[str], what: str) -> None:
-    """Raise OptionError, with the name that was probably meant, unless it is among those that there are of a kind."""
+    """Raise OptionError, with the name that was probably meant, unless a name is among the known ones of a kind."""
     if not isinstance(name, str) or name not in names:
         raise OptionError(f"{where}: {unknown(str(name), names, what)}")
 
@@ -136,13 +136,13 @@ def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
     found = kinds.member_of(kind, value) if isinstance(value, str) else None
     if found is not None:
         return found
-    words = [str(one.value) for one in kind]
-    meant = closest(value, words) if isinstance(value, str) else ""
-    raise OptionError(f"{path} = {value!r}{meant}; allowed: {', '.join(words)}")
+    allowed = [str(one.value) for one in kind]
+    meant = closest(value, allowed) if isinstance(value, str) else ""
+    raise OptionError(f"{path} = {value!r}{meant}; allowed: {', '.join(allowed)}")
 
 
 def names_from(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    """The names that are chosen of those that there are, each once; all of them for None.
+    """Return the names chosen of the known ones, each once; all of them for None.
 
     Raises:
         OptionError: for a name of nothing, or none at all.

@@ -1,4 +1,4 @@
-"""Value classes: what a scene is made of, each field of a kind.
+"""Value classes, of which scenes are made: each of their fields has a kind.
 
     @value("wave")
     class Wave:

@@ -38,7 +38,7 @@ PLAIN_TYPES: dict[Any, Kind] = {
 
 
 def fitted(what: str, value: Any, hint: Any, error: type[TensegrityError] = OptionError) -> Any:
-    """The value of an argument as its type hint has it; as it is, where that is none, or of what no file can hold.
+    """Convert an argument to the kind of its type hint; return it unchanged where the hint has no such kind.
 
     Raises:
         TensegrityError: of that class, for a value of another type.
@@ -64,7 +64,7 @@ def hints_of(called: Any) -> dict[str, Any]:
 
 
 def typed(hint: Any) -> Kind:
-    """The kind of values of a type, as a type hint has it: what is not of it is refused, and no more.
+    """Return the kind of a type hint, which refuses values of other types and nothing more.
 
     `Annotated[type, kind]` is of that kind.
     """

@@ -32,5 +32,5 @@ def load(point: EntryPoint) -> Any:
         owner = f" of package '{point.dist.name}'" if point.dist is not None else ""
         raise OptionError(
             f"entry point '{point.name}' of '{point.group}'{owner}: {point.value} cannot be loaded "
-            f"({type(error).__name__}: {error}); mend the package that has it, or remove it"
+            f"({type(error).__name__}: {error}); repair the package that has it, or remove it"
         ) from error

@@ -1,4 +1,4 @@
-"""Strict JSON of what this package's results hold."""
+"""Strict JSON of the values in this package's results."""
 
 from __future__ import annotations
 

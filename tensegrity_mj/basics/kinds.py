@@ -1,4 +1,4 @@
-"""Kinds of values: how what a caller gives becomes plain, what is allowed, and what a file holds for it.
+"""Kinds of values: conversion of arguments to plain values, allowed values, and their form in files.
 
 A kind knows no names. What is wrong is a `Wrong`, the end of a sentence (" = -1.0; it must be > 0 m"); whoever knows
 what the value is of puts that in front: the number of a list's item, the field, the item, the file.
@@ -62,7 +62,7 @@ def list_schema(items: Mapping[str, Any], size: int | None = None, more: bool = 
     return found if size is None or more else found | {"maxItems": size}
 
 
-NUMBER: dict[str, Any] = {"type": "number"}  # words of JSON Schema
+NUMBER: dict[str, Any] = {"type": "number"}  # JSON Schema
 TEXT: dict[str, Any] = {"type": "string"}
 
 
@@ -124,8 +124,8 @@ def finite(unit: str = "") -> Kind:
 
 
 def within(low: float, high: float, unit: str = "") -> Kind:
-    words = f"within [{low:g}, {high:g}]{unit and f' [{unit}]'}"
-    return number(words, lambda x: low <= x <= high, minimum=low, maximum=high)
+    allowed = f"within [{low:g}, {high:g}]{unit and f' [{unit}]'}"
+    return number(allowed, lambda x: low <= x <= high, minimum=low, maximum=high)
 
 
 def whole(least: int, most: int | None = None) -> Kind:
@@ -175,8 +175,8 @@ def printable_name(what: str = "a non-empty string of printable characters") -> 
 
 def member_of(of: type[enum.Enum], text: str) -> Any:
     """The member of an enum with that text as its value, in which - may stand for spaces; None where there is none."""
-    words = {str(member.value): member for member in of}
-    return words.get(text, words.get(text.replace("-", " ")))
+    members = {str(member.value): member for member in of}
+    return members.get(text, members.get(text.replace("-", " ")))
 
 
 def choice(of: type[enum.Enum]) -> Kind:

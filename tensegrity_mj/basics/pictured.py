@@ -1,4 +1,4 @@
-"""Pictures of what lower rooms make, for notebooks: drawn by a function that the top of the package names."""
+"""Pictures of objects in notebooks, for rooms below `pictures`: the package sets the function that draws them."""
 
 from __future__ import annotations
 

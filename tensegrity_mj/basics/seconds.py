@@ -1,4 +1,4 @@
-"""Times as people write them: 0.5, 2.0833e-4, 1/4800. The one reader of them, and what their digits leave open.
+"""Times as users write them: 0.5, 2.0833e-4, 1/4800. The one reader of them, and the range that digits leave open.
 
 A number of three digits or more is taken as rounded: half a unit of its last digit is open, within which `fitted` moves
 it such that steps divide what they must. Fewer digits (1e-3), whole numbers and quotients are meant as they stand.

@@ -92,12 +92,12 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """The one of the known words that a misspelt one was probably meant to be, or nothing."""
     import difflib  # only where something is misspelt
 
-    words = list(known)
+    candidates = list(known)
     # Letters in another order are the likeliest mistake, which difflib does not know: 'dea' is as near to 'ode'.
-    swapped = [one for one in words if sorted(one.casefold()) == sorted(word.casefold())]
-    match = swapped or difflib.get_close_matches(word, words, 1)
+    swapped = [one for one in candidates if sorted(one.casefold()) == sorted(word.casefold())]
+    match = swapped or difflib.get_close_matches(word, candidates, 1)
     if not match and len(word) > 2:  # an abbreviation
-        match = [one for one in words if one.startswith(word)]
+        match = [one for one in candidates if one.startswith(word)]
     return match[0] if match else ""
 
 

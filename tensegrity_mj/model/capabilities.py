@@ -106,10 +106,10 @@ def _dry(scene: Scene) -> str:
     return f"body '{bodies[0].name}'{more} feel{'' if more else 's'} nothing of the scene's {' and '.join(fluids)}"
 
 
-def _first(words: str, members: str, has: Callable[[Any], Any] = lambda one: True) -> Trait:
-    """Scenes one of whose members, such as "structure.rods", has something; the first fills the braces of the words."""
+def _first(template: str, members: str, has: Callable[[Any], Any] = lambda one: True) -> Trait:
+    """Trait of scenes one of whose members, as "structure.rods", has something; the first fills in the template."""
     of = attrgetter(members)
-    return Trait(lambda scene: next((words.format(one) for one in of(scene) if has(one)), ""))
+    return Trait(lambda scene: next((template.format(one) for one in of(scene) if has(one)), ""))
 
 
 CONTACT = Trait(lambda scene: "" if scene.contact is None else f"scene '{scene.name}' has contact")

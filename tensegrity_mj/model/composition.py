@@ -1,4 +1,4 @@
-"""Structures moved, mirrored, merged, or with other strings: what `Structure.moved` and others are made of."""
+"""Structures moved, mirrored, merged, or with other strings, for `Structure.moved` and others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Members of a structure from arrays of numbers: what `Structure.from_arrays` is made of."""
+"""Members of a structure from arrays of numbers, for `Structure.from_arrays`."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def index_pairs(what: str, values: Any, count: int, more: bool = False) -> list[
 def joined_rods(ends: Sequence[tuple[str, str]], rods_at: Mapping[str, tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
     """See `Structure.clusters`."""
     seen: set[int] = set()
-    left = dict(rods_at)  # each node is looked at once, however many rods it has
+    left = dict(rods_at)  # each node is visited once, however many rods it has
     found = []
     for first in range(len(ends)):
         if first in seen:

@@ -1,4 +1,4 @@
-"""Structures whose supports move: which motions fit, and how everything starts that hangs on them."""
+"""Structures whose supports move: checks of the motions, and the start of everything that hangs on them."""
 
 from __future__ import annotations
 

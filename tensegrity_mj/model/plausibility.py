@@ -1,4 +1,4 @@
-"""Numbers of sections that no material or bar has: most often those of a table in other units."""
+"""Numbers of sections that no material or bar has, most often from a table in other units."""
 
 from __future__ import annotations
 

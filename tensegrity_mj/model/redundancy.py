@@ -1,4 +1,4 @@
-"""Rods of which joints and supports have too many: whose forces nothing determines, and starts that are singular.
+"""Redundant rods, whose forces joints and supports do not determine, and starts that are singular.
 
 In node coordinates the constraints on velocities are rows: e·(v_j - v_i) = 0 of each rod of direction e, and those of
 supports and planes. A state of self-stress s is a combination of rows that is zero. The forces of the rods in it are

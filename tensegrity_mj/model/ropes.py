@@ -58,7 +58,7 @@ class Given(NamedTuple):
 
 @dataclass(frozen=True)
 class Rope:
-    """A string with mass, and what stands for it in its structure.
+    """A string with mass, and the light strings and point masses in its place in a structure.
 
     Attributes:
         string: as it was given.
@@ -105,12 +105,12 @@ class Rope:
 
     @property
     def shares(self) -> Array:
-        """(n + 1,) what part of the rope each of its strings is."""
+        """(n + 1,) part of the rope that each of its strings is."""
         return part_shares(len(self.points))
 
 
 def part_shares(n: int) -> Array:
-    """(n + 1,) what part of a rope of n segments each of its strings is."""
+    """(n + 1,) part of a rope of n segments that each of its strings is."""
     return np.array([0.5 / n, *[1.0 / n] * (n - 1), 0.5 / n])
 
 
@@ -206,8 +206,8 @@ def as_given(structure: Structure) -> Given:
                 nodes.pop(name, None)
         if whole is not None:
             wholes |= {**dict.fromkeys(names), names[0]: whole}
-    kept = (wholes.get(string.name, string) for string in structure.strings)
-    return Given(nodes, structure.rods, tuple(string for string in kept if string), tuple(points.values()))
+    strings = (wholes.get(string.name, string) for string in structure.strings)
+    return Given(nodes, structure.rods, tuple(string for string in strings if string), tuple(points.values()))
 
 
 def _whole(rope: Rope, found: Sequence[String], points: Sequence[PointMass | None]) -> String | None:

@@ -1,4 +1,4 @@
-"""Scenes: a structure and what one experiment needs of the world, and nothing else.
+"""Scenes: a structure, and all that one experiment needs of its surroundings.
 
 SI units; world frame right-handed, z up; arrays of node positions and velocities are (N, 3), rows in the
 order of `Structure.node_names`.

@@ -1,4 +1,4 @@
-"""The cross section of a rod and what it is made of: how stiff the rod is along itself, and what it can carry."""
+"""Cross section and material of a rod: its axial stiffness, and the loads that it can carry."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ class Structure:
         return cls(name=name, string_law=string_law, **members_from(given))
 
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
-        """A copy whose strings have other numbers: stiffness, damping, how they are taut, limits or `strength`.
+        """Return a copy whose strings have another stiffness, damping, prestress, other limits or `strength`.
 
         Values are scalars or (M,); of a structure with ropes, scalars and one value for each of its strings as given
         are of ropes as wholes. Giving a rest length, tension or force density replaces whichever of the three was

@@ -177,8 +177,8 @@ class Assembly:
         """The matrix, with blocks added; `between` bodies there is nothing of strings without that."""
         found = []
         for X, Y, a, b in self._pairs if weights.any() else ():
-            kept = slice(None) if between else a == b
-            found.append((X[kept] @ weights[kept] @ Y[kept], a[kept], b[kept]))
+            chosen = slice(None) if between else a == b
+            found.append((X[chosen] @ weights[chosen] @ Y[chosen], a[chosen], b[chosen]))
         if blocks is not None:
             found.append((blocks.values, blocks.rows, blocks.columns))
         if not found:
@@ -190,8 +190,8 @@ class Assembly:
         if is_dense(self.B):
             matrix = np.zeros((self.B + 1, self.B + 1, slots, slots))
             np.add.at(matrix, (row, column), values)
-            kept = matrix[: self.B, : self.B]
-            full = np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(size, size)
+            free = matrix[: self.B, : self.B]  # without fixed nodes
+            full = np.ascontiguousarray(free.transpose(0, 2, 1, 3)).reshape(size, size)
             return full if self.joints is None else self.joints.projection @ full @ self.joints.projection
         from scipy.sparse import coo_array
 

@@ -1,4 +1,4 @@
-"""Bounds of the matrices of small motions that cost little, and the step that is stable for all that keep to them."""
+"""Cheap bounds of the matrices of small motions, and the step that is stable for all matrices within them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HALF_DISC = 2.6
 
 
 class Bounds(NamedTuple):
-    """The largest eigenvalues, at most.
+    """Upper bounds of the largest eigenvalues.
 
     Attributes:
         material, damper: [1/s²], [1/s] of strings, as the implicit integrators know them.

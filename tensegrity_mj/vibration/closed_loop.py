@@ -1,4 +1,4 @@
-"""The linear model of a scene under a law: what the law sets at a state, and where it is continuous its derivative."""
+"""Linear model of a scene under a law: the commands at a state and, if the law is continuous, their derivative."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class LawAtStates:
         h = LAW_STEP * size / largest[moving]
         moved = h[:, None, None] * units[moving]
         states = np.array([nodes, velocities]) + _WAYS[:, None, :, None, None] * moved[:, None]
-        answers = self(time, states.reshape(4 * len(moving), 2, *nodes.shape))
-        ahead, behind = answers.reshape(2, 2, len(moving), len(model.taut)).swapaxes(0, 1)
+        commands = self(time, states.reshape(4 * len(moving), 2, *nodes.shape))
+        ahead, behind = commands.reshape(2, 2, len(moving), len(model.taut)).swapaxes(0, 1)
         slopes = np.zeros((2, len(model.taut), n))
         slopes[:, :, moving] = ((ahead - behind) / (2 * h[:, None])).swapaxes(1, 2)
         paths = model.scene.structure.paths
@@ -74,12 +74,12 @@ class LawAtStates:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A scene and what sets its strings; `at` gives the linear model of a state.
+    """A scene and the law that sets its strings; `at` gives the linear model of a state.
 
     Attributes:
         scene: what moves.
         bodies: of its structure.
-        law: what sets rest lengths or force densities; None for rest lengths that stay.
+        law: sets rest lengths or force densities; None for constant rest lengths.
         mode: of the actuation.
     """
 
@@ -129,5 +129,5 @@ class Loop:
         if law is None or not self.is_closed:
             return model
         if not model.is_dense:
-            raise OptionError(f"the loop through the law is looked at for up to {DENSE // SLOTS} rods and point masses")
+            raise OptionError(f"the loop through the law is checked for up to {DENSE // SLOTS} rods and point masses")
         return replace(model, law=law.derivative(model, velocities, time))

@@ -26,7 +26,7 @@ from tensegrity_mj.model.elements.contact import Contact, impedance
 from tensegrity_mj.vibration.integrators import polynomial
 from tensegrity_mj.vibration.stepping import Scheme
 
-DEPTHS = 400  # looked at, up to the width of the impedance; deeper it is constant
+DEPTHS = 400  # that are checked, up to the width of the impedance; deeper it is constant
 # Steps that resolve a landing, times the contact's rate. Measured on the fall of prism_drop over 1 s, of 0.3 m: RK4 at
 # 0.1 errs by 0.15 % of the height, at 0.2 by 1.9 %; the first-order integrators at 0.0125 by 0.2 % (discrete), 1.1 %
 # (Euler) and 9.6 % (the implicit ones, which brake the fall itself), and by a part that is proportional to h.

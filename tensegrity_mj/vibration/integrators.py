@@ -46,7 +46,7 @@ from tensegrity_mj.vibration.tree import has_tree_model, tree_limit, tree_model
 ALLOWANCE = 1e-3
 GRID = 1.05  # ratio of the steps that the search with a law looks at
 FLAT = 1e-12  # of the largest: a stiffness below it is round-off
-REACH = 4.0  # |z| up to which R(z) is looked at; it is above 1 for all larger ones of Re z <= 0
+REACH = 4.0  # |z| up to which R(z) is evaluated; it is above 1 for all larger ones of Re z <= 0
 
 
 def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) -> tuple[float, Array]:
@@ -93,7 +93,7 @@ def _bounds(model: Vibration) -> Bounds:
 
 
 def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array:
-    """(2n, 2n): what a step makes of (y, ẏ). Dense, for models of moderate size."""
+    """Matrix (2n, 2n) of one step for (y, ẏ). Dense, for models of moderate size."""
     K, D = _dense_matrices(model)
     n, h = model.size, step
     one, zero = np.eye(n), np.zeros((n, n))

@@ -38,7 +38,7 @@ from tensegrity_mj.vibration.small_motions import Vibration
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
 from tensegrity_mj.vibration.tree import has_tree_model
 
-SAMPLES = 25  # configurations looked at along a run
+SAMPLES = 25  # configurations that are checked along a run
 
 
 @dataclass(frozen=True, eq=False)

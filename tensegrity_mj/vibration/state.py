@@ -1,4 +1,4 @@
-"""A state as small motions see it: its strings, how its bodies move, the joints, and what else resists there.
+"""State of a scene for its small motions: strings, motions of bodies, joints, and other resistance.
 
 Joints in bending have stiffness and dampers, and fluids are viscous. With δe = G y the change of e = d_a - d_b of a
 joint, bending adds κ Gᵀ G to K and γ Gᵀ G to D, and pulls on b of its rods, whose turns these pulls stiffen or soften

@@ -1,4 +1,4 @@
-"""Warnings of steps that are too long: before a run by the linear model, after it by what it passed through."""
+"""Warnings of steps that are too long: before a run by the linear model, after it at the states that it passed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tensegrity_mj.vibration.stable_step import StableStep, solvable, stable_ste
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
 LAW_COORDINATES = 100  # of a structure up to which the check before a run takes the law's derivative
-RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are looked at
+RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are checked
 
 
 def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
@@ -142,7 +142,7 @@ def _checked(
         return {"step": step, "checked": False, "reason": "the law is Python's or not a function of the state"}, ""
     small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
     if by_density and not small:
-        return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
+        return {"step": step, "checked": False, "reason": "the loop through the law is too large to check"}, ""
     # Which dampers an implicit integrator knows between rods that share nodes, is known of the model alone.
     known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
     if not by_density and known:

@@ -1,4 +1,4 @@
-"""Contact as a scene has it: of rods with a floor and with each other, and how far apart they are.
+"""Contact in a scene: of rods with a floor and with each other, and their distances.
 
 A rod's surface for contact is its capsule: the cylinder of the rod's radius from node to node, and a half ball of that
 radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing, and
@@ -63,7 +63,7 @@ class Contact:
             [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50].
 
     Raises:
-        SceneError: beyond these ranges. MuJoCo would take other values without a word; or overflow, as (midpoint)^(1 -
+        SceneError: beyond these ranges. MuJoCo would take other values silently; or overflow, as (midpoint)^(1 -
             power) may; or reach an acceleration of more than 1e10 m/s², which it takes for a divergence, at a depth of
             1 cm or a speed of 1 km/s.
     """
@@ -117,7 +117,7 @@ class Contact:
 
 
 MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
-PIECE = 1_000_000  # pairs of boxes that are looked at together
+PIECE = 1_000_000  # pairs of boxes that are checked together
 
 
 def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Elastic rods as an element: what pulls their nodes together, or pushes them apart.
+"""Elastic rods as an element: axial forces that pull their nodes together, or push them apart.
 
 A rod of stiffness k is the two-node bar of finite elements: straight, its velocity linear along it, so that it has the
 kinetic energy of a rigid thin rod (2.25), which now moves along itself, too. It pulls its nodes together with

@@ -1,4 +1,4 @@
-"""The noun of this package: an element, a physical effect that acts on nodes.
+"""Elements, the central notion of this package: physical effects that act on nodes.
 
 Loads, wind, drag, bending of joints and water are elements, and so is any subclass of `Element`, in Python:
 

@@ -265,7 +265,7 @@ def resisting_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
 
 
 def bending_energy(scene: Scene, nodes: Array) -> Array:
-    """Σ ½ κ ‖e‖² [J], (...): what bent joints have stored."""
+    """Σ ½ κ ‖e‖² [J], (...): energy stored in bent joints."""
     parts = () if scene.resistance is None else scene.resistance.elements
     return energy_of(parts, scene, nodes)
 

@@ -228,7 +228,7 @@ class Rough(Area):
 
 @value("heights", kw_only=True)
 class Heights(Terrain):
-    """Ground as measured, for instance.
+    """Terrain of given heights, as measured for instance.
 
     Attributes:
         heights: rows along x, one after the other along y [m]; the origin is in the middle of all.

@@ -192,7 +192,7 @@ def wetness(u: Array) -> Array:
 
 
 def shares(weights: Weights, s: Array) -> tuple[Array, Array]:
-    """h_1 and h_2: what goes to the first and the second node from a place s."""
+    """h_1 and h_2: the parts of a load at the place s that the first and the second node take."""
     second = s if weights is Weights.RIGID else s * s * (3 - 2 * s)
     return 1 - second, second
 

@@ -109,9 +109,9 @@ class SegmentCount:
 
     def text(self) -> str:
         """Summary of the report as text."""
-        words = count_text(self.report())
+        count = count_text(self.report())
         return (
-            f"{words}: wave loads within {100 * self.error_bound:.2g} % of the largest" if self.wave_number else words
+            f"{count}: wave loads within {100 * self.error_bound:.2g} % of the largest" if self.wave_number else count
         )
 
 
