@@ -86,7 +86,7 @@ class ModelLaw:
     """A law that has a model of what it controls; `target`, `gravity` and `known` are kept in one form.
 
     Attributes:
-        structure: what the law believes it controls (masses, supports, lengths); no string of it has a mass.
+        structure: the law's own model of the structure (masses, supports, lengths), without strings with mass.
         target: set-point, path or curve; an array (N, 3) counts as a set-point.
         gravity: g [m/s²] that the law accounts for.
         known: other effects that the law accounts for: `Load`s, a `Resistance`, `Water`, elements, as (scene.water,).
@@ -133,7 +133,7 @@ class PackedEffects:
 
     Attributes:
         address: of the table, 0 where nothing is known of.
-        failure: what an element in Python raised, in a list of at most one.
+        failure: the exception of an element in Python, in a list of at most one.
         in_python: whether there may be such elements.
     """
 

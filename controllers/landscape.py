@@ -36,7 +36,7 @@ class Landscape:
     """V of one rod about its set-point, in angles.
 
     Attributes:
-        onto: what the law projects the error of b onto; None for the Lyapunov law of chapter 5.
+        onto: plane that the law projects the error of b onto; None for the Lyapunov law of chapter 5.
         alpha, beta, gamma: X = α I, Y = β I, Z = γ I.
         stiffness: K of K I.
 

@@ -48,7 +48,7 @@ class Allocator:
     The multipliers of the last answer are where the next search starts: it is short then, but its end is the same.
 
     Args:
-        allocation: what is wanted.
+        allocation: objective and constraints.
         structure: whose strings.
         equations: the rows of A, for messages.
 

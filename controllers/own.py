@@ -36,7 +36,7 @@ class OwnLaw:
 
     Attributes:
         title: its name in messages.
-        found: what was found under its name.
+        found: the object found under its name.
     """
 
     title: str

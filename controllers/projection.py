@@ -30,7 +30,7 @@ class Projection(QuadraticLaw):
 
     Attributes:
         ...: those of `QuadraticLaw`.
-        onto: what the error of b is projected onto.
+        onto: plane that the error of b is projected onto.
         stiffness: K of (6.3), symmetric and positive semidefinite: a number or a (3, 3) matrix for every rod, or a
             mapping rod name -> K (others have none).
 

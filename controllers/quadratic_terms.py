@@ -64,7 +64,7 @@ class Terms(NamedTuple):
         V_error: the terms in the errors alone.
         V_velocity: the terms with velocities.
         beta: V̇ without strings.
-        f: (M,), what each string's force density takes from V̇.
+        f: (M,), the reduction of V̇ by each string's unit force density.
     """
 
     V_error: float

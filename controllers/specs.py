@@ -34,7 +34,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
         law: SCENE_LAW for the scene's; None or "none" for none; a name of `LAWS`; "module:name" or "path.py:name"; a
             law object or a function. What a text names may be a law, or a function or class of the scene that makes
             one (see `own`).
-        scene: what it controls.
+        scene: the scene that it controls.
         options: of a law that is given by a text, by their names.
 
     Raises:

@@ -67,12 +67,12 @@ def field(
     """A field of a value class.
 
     Args:
-        kind: of its value; None for what is taken as it is, and stands in no file.
-        default: what it is where it is not given.
+        kind: of its value; None for a value that is not checked, and stands in no file.
+        default: its value where none is given.
         factory: makes the default, where each value needs its own.
-        none: what None means, of a field that may be None, for messages ("None for deep water").
-        key: what files and messages call it, if not by its own name.
-        eq: whether values that differ in it differ; or a function of what is compared, or `attrs.cmp_using`.
+        none: meaning of None, for a field that may be None, for messages ("None for deep water").
+        key: its name in files and messages, if that is not the field's own.
+        eq: whether it counts in comparisons of values; or a function that gives what is compared, or `attrs.cmp_using`.
     """
     options: dict[str, Any] = {"default": default} if factory is None else {"factory": factory}
     if kind is None:
@@ -103,8 +103,8 @@ def value(
     """Make a class a value class.
 
     Args:
-        item: what messages call it; fields in braces are shown as they are ("rod {name!r}"). "" for nothing.
-        error: of what is wrong with it.
+        item: its name in messages; fields in braces are filled in ("rod {name!r}"). "" for nothing.
+        error: class of its errors.
         whole: whether files hold its fields where they are at their defaults, too, but for None.
         positional: how many fields may be given without their names; all of them by default.
         options: further ones of `attrs.define`.

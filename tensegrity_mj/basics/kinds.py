@@ -35,14 +35,14 @@ class Kind(NamedTuple):
 
     Attributes:
         plain: the value as plain Python (floats, texts, tuples of them), or raises `Wrong`.
-        need: what a file must hold for it.
-        fits: whether what a file holds is that.
-        load: what `plain` takes, from what a file holds.
+        need: description of the value that a file must hold.
+        fits: check that a file's value is one.
+        load: conversion of a file's value to an argument of `plain`.
         part: the class of a value with fields of its own, which is a table in a file; None for all others.
         many: whether it is a tuple of such values, an array of tables.
         single: whether it is one number, truth value or member of an enum, which a sweep may set.
         row: whether it is a row of numbers, three of most, which a sweep may set, too, or one of.
-        schema: what a file must hold for it, as JSON Schema.
+        schema: JSON Schema of the value that a file must hold.
     """
 
     plain: Callable[[Any], Any]

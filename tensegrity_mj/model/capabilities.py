@@ -41,9 +41,9 @@ class Limit:
     Attributes:
         trait: which scenes it refuses.
         reason: why, by physics or by method.
-        remedy: what to change.
-        error: what is raised.
-        setting: words for the options with which an engine (its argument) has this limit, "" for others; None: always.
+        remedy: the change that helps.
+        error: the class that is raised.
+        setting: describes the options with which an engine (its argument) has this limit, "" for others; None: always.
     """
 
     trait: Trait
@@ -55,15 +55,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class Descriptor:
-    """An engine, and what it can do; its class has it as the attribute `descriptor`.
+    """Description of an engine and its limits, in the attribute `descriptor` of its class.
 
     Attributes:
-        title: what texts and figures call it.
+        title: its name in texts and figures.
         place: its class, a frozen value of options with `run(request)`, as "module:class".
         fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
-        limits: what it cannot simulate; without any, it is held to simulate all scenes.
+        limits: traits of scenes that it cannot simulate; none for an engine that simulates all scenes.
         shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`).
-        extra: what installs the additional packages that it needs; studies leave it out unless it is named.
+        extra: installs the additional packages that it needs; studies leave it out unless it is named.
     """
 
     title: str

@@ -37,7 +37,7 @@ class Constraint:
         name: unique among the constraints.
         nodes: node name -> its weight w_a; one node of weight 1 is held along the direction itself.
         direction: of any length but zero, in the world frame.
-        value: [m] times the direction's length; None for what the reference nodes give.
+        value: [m] times the direction's length; None for its value at the reference nodes.
     """
 
     name: str = field(printable_name())

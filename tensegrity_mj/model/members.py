@@ -157,10 +157,10 @@ class Rod:
         nodes: names of n_i and n_j; b points from the first to the second.
         mass: [kg], > 0, of the rod itself.
         radius: [m], > 0; for drawing, contact and drag only: the inertia is a thin rod's.
-        support: how it is held.
+        support: the way in which it is held.
         section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
-        masses: what it carries, rigidly.
-        group: what rods that belong together are called in files, plots and sweeps; None for none.
+        masses: masses that it carries, rigidly.
+        group: common name of rods that belong together, in files, plots and sweeps; None for none.
         stiffness: k [N/m] along the rod, EA/L0 of a uniform one; None for a rigid rod.
         damping: c [N s/m] along an elastic rod.
         rest_length: L0 [m] of an elastic rod without force; None for its length at the reference nodes.

@@ -113,7 +113,7 @@ def velocities_with_supports(
     the supports does.
 
     Args:
-        structure: what moves.
+        structure: the structure that moves.
         nodes: (N, 3) [m] where it is.
         motions: of its supports; the others are at rest.
         velocities: (N, 3) [m/s] to start from.

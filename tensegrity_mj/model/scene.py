@@ -39,18 +39,18 @@ class Scene:
     """One experiment with a structure.
 
     Attributes:
-        structure: what moves.
+        structure: the structure that moves.
         name, source: short name; where its numbers come from (thesis page, paper).
         gravity: g [m/s²]; zero by default.
         initial_nodes: (N, 3) [m] at the start; by default the structure's reference nodes, moved with their supports.
         initial_velocities: (N, 3) [m/s]; at rest by default, seen from the supports where these move.
         loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
         breaks: strings that break, each at its time.
-        target: what a controller aims at; of the nodes that are no rope's.
+        target: goal of a controller, for all nodes but those of ropes.
         control: the law that the scene is run with unless another is given.
-        duration: [s], what the scene is run for unless another duration is given.
+        duration: [s] of a run unless another duration is given.
         start_time: [s] at which runs begin; loads, motions, breaks, waves and laws go by the same clock.
-        contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
+        contact: of rods with a floor and with each other; None, the default, for none.
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
         water: with its surface at z = 0, waves and current; None, the default, for none.

@@ -48,8 +48,8 @@ class Structure:
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
         constraints: other conditions on nodes, each a linear equation of their coordinates.
-        ropes: of the strings with mass, what stands for them among `nodes`, `strings` and `point_masses`; not to be
-            given. `given` has these as they were.
+        ropes: the members among `nodes`, `strings` and `point_masses` that represent strings with mass; no argument.
+            `given` has the strings as they were given.
 
     Raises:
         StructureError: on construction, if anything is invalid; the message names the item at fault.
@@ -188,7 +188,7 @@ class Structure:
             other: the other structure.
             join: which of its nodes become nodes of this one that stand at the same place: a map of its names to those
                 here, True for all that stand where one of this structure does, False for none.
-            prefix: what its other names begin with here.
+            prefix: of its other names here.
 
         Raises:
             StructureError: for names that both have, nodes to be joined that are apart, and members that do not fit.

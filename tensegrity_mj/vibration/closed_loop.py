@@ -77,7 +77,7 @@ class Loop:
     """A scene and the law that sets its strings; `at` gives the linear model of a state.
 
     Attributes:
-        scene: what moves.
+        scene: the scene that moves.
         bodies: of its structure.
         law: sets rest lengths or force densities; None for constant rest lengths.
         mode: of the actuation.

@@ -56,7 +56,7 @@ class Vibration:
     """The linear model of one state; n coordinates. Matrices are dense up to `DENSE` coordinates, else sparse.
 
     Attributes:
-        state: what moves, and where it is.
+        state: the scene and its state.
         taut: (M,) bool.
         at_edge: (M,) bool, taut without tension: half of any motion makes it slack.
         tension: (M,) [N].
@@ -68,9 +68,9 @@ class Vibration:
             share nodes half of `string_damper`, as if there were no dampers: `tree` has what they know there.
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         bars: (n, n) [1/s²] the part of `material` that elastic rods have.
-        law: what a law in the loop adds, or None.
+        law: contribution of a law in the loop, or None.
 
-    What joints of the state forbid is taken out of dense matrices already; of sparse ones, it is for `project` to do.
+    Dense matrices leave out the motions that joints of the state forbid; for sparse ones `project` removes them.
     """
 
     state: State

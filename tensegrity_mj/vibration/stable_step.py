@@ -57,7 +57,7 @@ class StableStep:
         string: the string with most of the energy that holds or damps it, "" for none.
         string_share: its part.
         closed_loop: whether the law's derivative is in it.
-        notes: what the number does not cover.
+        notes: effects that the number does not cover.
     """
 
     limit: float
@@ -103,13 +103,13 @@ def stable_step(
     """The largest stable step of an engine with a fixed step.
 
     Args:
-        scene: what moves.
+        scene: the scene that moves.
         engine: `MuJoCo(...)`, `DAE(method=Method.RK4, ...)`, `ODE(...)`; its own step does not count.
         law: closes the loop, continuously; the scene's own by default, None for none. Where `actuation` holds
-            something, the law only says what is held.
+            something, the law only gives the held values.
         actuation: continuous by default.
         nodes, velocities: (N, 3) the state; the scene's start by default.
-        rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
+        rest_lengths: (M,) [m]; the structure's by default, or those that the law sets.
         time: [s], at which loads and law are evaluated, supports have moved, and strings have broken or not yet; the
             scene's start by default.
         run: a run of this structure instead of a state: the smallest limit of its configurations.
@@ -120,7 +120,7 @@ def stable_step(
         OptionError, StructureError, SceneError: where the engine refuses the scene for anything but contact.
         SceneError: for nodes that stretch a rod, or are not where supports have them at that time, and where the
             scene's numbers are too far apart for eigenvalues.
-        InfeasibleError, ControllerError: what the law says at the state.
+        InfeasibleError, ControllerError: where the law raises it at the state.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     _check(scene, engine, run, actuation)

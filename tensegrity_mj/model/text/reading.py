@@ -60,9 +60,9 @@ def scene_from_toml(
 
     Args:
         text: the text.
-        where: what error messages call it.
-        folder: what a `structure = "other.toml"` and a record in it are relative to; without one they are refused.
-        families: what reads a `structure = "tower(stages=3)"` in it; without one that is the path of a file.
+        where: its name in error messages.
+        folder: base of relative paths, as in `structure = "other.toml"`, and of records; without one they are refused.
+        families: reader of a `structure = "tower(stages=3)"` in it; without one that is the path of a file.
     """
     top = _top(text, where)
     structure = _read_structure(top, folder, families)
