@@ -182,7 +182,7 @@ def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any
             if sign * v[i] > 0.0:
                 u[i] = floor[i] + (min(highest, ceiling[i]) - floor[i]) * (need / slack)
         return
-    # What is given is concave in the level, so that Newton's steps rise to the solution and never beyond: each but the
+    # `given` is concave in the level, so that Newton's steps rise to the solution and never beyond: each but the
     # last passes a ceiling. Mostly there is one.
     level = highest
     while True:

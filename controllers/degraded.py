@@ -26,8 +26,8 @@ from tensegrity_mj.dynamics.native.law import (
     Command,
     NativeLaw,
     Report,
-    around,
     native_law,
+    wrapped,
 )
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address, call_law, floats
 from tensegrity_mj.dynamics.native.views import Table, view_of
@@ -158,7 +158,7 @@ class _Sampled:
     def _wrapped(self, inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
         """Wrap the law within in a compiled function whose context is `packed`."""
         return replace(
-            around(inner, function, packed),
+            wrapped(inner, function, packed),
             discontinuous=self.discontinuous,
             period=self.period,
             decay_rate=None,

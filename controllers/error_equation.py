@@ -18,7 +18,7 @@ from tensegrity_mj.dynamics.native.strings import share, string_length
 from tensegrity_mj.dynamics.native.vectors import ZERO, column_of, dot, minus, over, plus, row_of, times, vector
 from tensegrity_mj.dynamics.target import Aim, point_target, rod_target
 
-# Of K_p times a coordinate: a smaller error is no other than zero. Strings can only pull, so that at a target that
+# Part of K_p times a coordinate: a smaller error counts as zero. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.
 ROUND_OFF = 8 * float(np.finfo(float).eps)
 POLE = 1e-6  # sin φ below which (θ, φ) do not define where a rod points

@@ -12,7 +12,7 @@ import numpy as np
 # SciPy writes the date into the 116 bytes of free text that a file begins with.
 HEADER = b"MATLAB 5.0 MAT-file, written by tensegrity_mj".ljust(116)
 MOST_LETTERS = 63  # of a name
-# What is no name in MATLAB, as its function iskeyword lists them.
+# Keywords of MATLAB, which are no names, as its function iskeyword lists them.
 KEYWORDS = frozenset(
     "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
     "switch try while".split()

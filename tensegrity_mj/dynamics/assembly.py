@@ -21,10 +21,10 @@ from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.structure import Structure
 
-# Of rows of unit length, and of singular values against the largest: what is less comes from others but for round-off.
+# For rows of unit length, and singular values relative to the largest: smaller ones depend on others up to round-off.
 RANK_TOLERANCE = 1e-9
 
-# What compiled code sees of it. A pair is ½ v·v = const or v·w = const, of the vectors that start at these coordinates.
+# The system for compiled code. A pair is ½ v·v = const or v·w = const, of the vectors that start at these coordinates.
 Assembly, _pack = view_of(
     "Assembly",
     redundant="size",  # whether the constraints depend on each other

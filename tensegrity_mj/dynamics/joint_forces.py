@@ -246,7 +246,7 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
         if added is not None:
             hold(rod, added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc), added[1])
         if link.motion >= 0:
-            # What the support must pull with, for r to move as it does: m r̈ + f b̈ = t_r + reaction.
+            # The pull of the support that moves r as it does: m r̈ + f b̈ = t_r + reaction.
             t_r = plus(plus(ends[0], ends[1]), times(rod.mass, minus(g, drive)))
             if added is not None:
                 pair = added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc)

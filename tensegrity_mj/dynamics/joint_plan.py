@@ -8,7 +8,7 @@ from tensegrity_mj.basics.arrays import IntArray
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.views import Table, view_of
 
-# What compiled code sees of it; joints are numbered as they are eliminated, rods as in the structure.
+# The plan for compiled code; joints are numbered as they are eliminated, rods as in the structure.
 Joints, _pack_joints = view_of(
     "JointPlan",
     joints=("i8", "joint_count", 4),  # rod row and end of the owner, rod row and end of the other

@@ -24,7 +24,7 @@ from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.structure import Structure
 
-# What the forest makes of a rod; one record a rod, parents before children. An end is 0 (node i) or 1 (node j).
+# Place of a rod in the forest; one record a rod, parents before children. An end is 0 (node i) or 1 (node j).
 LINK = np.dtype(
     [
         ("rod", "i8"),
@@ -41,7 +41,7 @@ LINK = np.dtype(
     align=True,
 )
 
-# What compiled code sees of a `LinkedRecords`.
+# A `LinkedRecords` for compiled code.
 Linked, _pack_linked = view_of(
     "LinkedRecords",
     rods=(ROD, "rod_count"),  # `q` is where a rod's coordinates start, z first if it is a root

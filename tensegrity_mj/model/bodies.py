@@ -16,9 +16,9 @@ from tensegrity_mj.model.members import Vector
 if TYPE_CHECKING:
     from tensegrity_mj.model.structure import Structure
 
-# Of the largest moment of inertia: what rounded numbers of a flat body leave of I1 + I2 = I3.
+# Tolerance of I1 + I2 = I3 for rounded numbers of a flat body, as a part of the largest moment of inertia.
 ROUNDED = 1e-9
-# Of a body's size: nodes nearer to one plane do not say how it is turned.
+# Part of a body's size: nodes nearer to one plane than that do not determine its rotation.
 FLAT = 1e-3
 
 

@@ -193,7 +193,7 @@ def static_forces(
     spans = spans_at(structure.rod_nodes, positions)
     constraint_forces: Array = np.zeros(len(structure.constraints))
     if len(copied) or structure.constraints:
-        # What a joint's rods pass on to each other, and constraints to nodes, is what leaves each of them in balance.
+        # Forces between a joint's rods, and of constraints on nodes, are those that leave each of them in balance.
         motions, apart = _motions_of_ends(structure, positions)
         forces = np.concatenate([forces, np.zeros((len(copied), 3))])
         passed = np.linalg.lstsq((apart @ motions).T, -motions.T @ forces.ravel(), rcond=RANK_TOLERANCE)[0]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.structure import Structure
 
 DEFAULT_SEGMENTS = 10
-# What a part φ of a string has of its numbers: x φ^power.
+# Numbers of a part φ of a string from those of the string: x φ^power.
 POWERS = {
     **dict.fromkeys(("rest_length", "min_rest_length", "winch_speed"), 1),
     **dict.fromkeys(("tension", "strength"), 0),

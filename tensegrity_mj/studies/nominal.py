@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.law import SOLVED, WITHIN, Command, NativeLaw, around, native_law
+from tensegrity_mj.dynamics.native.law import SOLVED, WITHIN, Command, NativeLaw, native_law, wrapped
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, call_law, floats
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.structure import Structure
@@ -68,7 +68,7 @@ class NominalWinches:
         """The same, compiled."""
         inner = native_law(self.law, self.nominal)
         packed = _pack_winches(law=inner.address, context=inner.context, ratio=self._ratio)
-        return around(inner, _nominal, packed)
+        return wrapped(inner, _nominal, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

@@ -62,7 +62,7 @@ class LawAtStates:
         slopes = np.zeros((2, len(model.taut), n))
         slopes[:, :, moving] = ((ahead - behind) / (2 * h[:, None])).swapaxes(1, 2)
         paths = model.scene.structure.paths
-        # How lengths change with y: its transpose takes tensions to forces.
+        # Derivative of the lengths by y: its transpose takes tensions to forces.
         stretch = paths.total(np.einsum("mx,nmx->mn", model.state.segments.directions, paths.spans(units)), axis=0)
         if self.native.command is Command.FORCE_DENSITY:
             weight = np.where(model.taut, model.state.lengths, 0.0)

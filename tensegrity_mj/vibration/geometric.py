@@ -129,8 +129,8 @@ def _on_turns(state: State, along: Array, b_rate: Array) -> Array:
     held[:, 2:] = 0.0
     inner = held[:, :, None] * np.eye(bodies.slots - 3)
     if state.joints is not None:
-        # What a rod alone would have of |II(δ, ḃ)|², II the second fundamental form of where it can be: of a rod that
-        # turns about a pin, all in the plane of its turning.
+        # The part of |II(δ, ḃ)|² that a rod alone has, II the second fundamental form of its configurations: of a rod
+        # that turns about a pin, all in the plane of its turning.
         pull = np.einsum("rx,rxz->rz", motion.b, bodies.E[:R]) * bodies.f[:R, None]
         bent = bodies.J[:R] - np.sum(np.einsum("rij,ri->rj", motion.inverse[:R, :3], pull) ** 2, axis=1)
         way = np.einsum("rx,rxt->rt", b_rate, motion.T[:R])

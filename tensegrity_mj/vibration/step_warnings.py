@@ -143,7 +143,7 @@ def _checked(
     small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
     if by_density and not small:
         return {"step": step, "checked": False, "reason": "the loop through the law is too large to check"}, ""
-    # Which dampers an implicit integrator knows between rods that share nodes, is known of the model alone.
+    # Only the model knows which dampers between rods that share nodes an implicit integrator takes into account.
     known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
     if not by_density and known:
         bounds = bounds_at(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)

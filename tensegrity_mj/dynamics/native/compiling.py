@@ -47,7 +47,7 @@ class Kernel:
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        # What other compiled functions call: without wrappers for Python and C, which take longer to compile than it.
+        # For other compiled functions: without wrappers for Python and C, which take longer to compile than it.
         self._inner = self._made(no_cpython_wrapper=True, no_cfunc_wrapper=True)
         return self._inner._numba_type_
 

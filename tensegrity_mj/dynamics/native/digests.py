@@ -16,7 +16,7 @@ try:
 except ImportError:
     from hashlib import blake2b
 
-# What is known by its name, in releases that the cache keeps apart; no source of ours.
+# Packages whose functions are known by name: the cache keeps their releases apart.
 _FOREIGN = frozenset({"numba", "numpy", "llvmlite", "scipy"}) | sys.stdlib_module_names
 
 

@@ -117,8 +117,8 @@ def write_entry(folder: Path, name: str, content: bytes) -> None:
 # C functions ------------------------------------------------------------------------------------------------------
 
 _HEAD = b"tensegrity-mj "
-# What numba's own code calls where a function raises, which ours do not, and where memory is given back, of which those
-# have none that allocate none. They are there only once numba is imported.
+# Functions that numba's own code calls where a function raises, which ours do not, and where memory is freed, which
+# functions without allocations do not need. They exist only once numba is imported.
 _HELPERS = ("numba_", "NRT_")
 _loaded: list[Any] = []  # engines, which the code belongs to
 _loading = threading.Lock()

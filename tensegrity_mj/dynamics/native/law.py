@@ -59,7 +59,7 @@ class Report(enum.IntEnum):
     ALLOCATION_RESIDUAL = 4  # largest violation of what was required of the strings
 
 
-# What a native law returns.
+# Statuses that a native law returns.
 SOLVED, NO_SOLUTION, FAILED, NOT_FINITE = 0, 1, 2, 3
 
 
@@ -104,12 +104,12 @@ class NativeLaw:
     own: Any = None
 
 
-# Fields of a view of what is put around a law: the law within, as a C function.
+# Fields of a view of a function that wraps a law: the law within, as a C function.
 WITHIN: dict[str, Any] = {"law": "size", "context": "size"}
 
 
-def around(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
-    """A law with a C function around it, which finds it in `packed`, a table with the fields WITHIN."""
+def wrapped(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
+    """Wrap a law in a C function, which finds it in `packed`, a table with the fields WITHIN."""
     return replace(inner, address=function.address, context=packed.address, keep=(inner, packed))
 
 
@@ -157,7 +157,7 @@ def native_law(
                 f"string '{curved[0]}' is not linear, and other strings have mass: only rest lengths are commanded to "
                 "both; use a law that returns these, or leave out the masses or the curve"
             )
-        spread = around(native, *rope_law(structure, native.address, native.context, densities))
+        spread = wrapped(native, *rope_law(structure, native.address, native.context, densities))
         native = replace(spread, command=Command.REST_LENGTH)
     return replace(native, description=_description(law) if description is None else description, own=law)
 

@@ -56,8 +56,8 @@ JUMP_WITHIN, LAW_WITHIN = 1e-8, 1e-3
 KINK_LEAST, KINK_MOST, KINK_PART = 1e-6, 1e-2, 0.3
 WHOLE, (MARGIN, STRETCH, SPEED) = 0, range(3)  # of BROKEN; of each string: [N], [m], [m/s]
 
-# What a search keeps of the strings: at the start of the step; after a part in which none has changed and after one in
-# which some have; after the last trial, and after the one before. CHORDS is scratch.
+# States of the strings that a search keeps: at the start of the step; after a part in which none has changed, and after
+# one in which some have; after the last trial, and after the one before. CHORDS is scratch.
 START, ABOVE, BELOW, NOW, BEFORE, CHORDS = range(6)
 Search, _pack_search = view_of(
     "Search",

@@ -34,7 +34,7 @@ from tensegrity_mj.dynamics.native.pointers import address_of
 # A field: "size" (a whole number: of an array, a choice, an address), "state" (one that compiled code changes), "real",
 # or an array as (dtype, extents...), each a size by name or a number.
 Field = str | tuple[Any, ...]
-# Of the code that a view compiles to: what is kept from an older one is not taken.
+# Version of the code that a view compiles to: compiled code of an older one is not used.
 STAMP = zlib.crc32(Path(__file__).with_name("view_types.py").read_bytes())
 Fields = tuple[tuple[str, Field], ...]
 _NUMBERS = {number: number for number in range(64)}  # that extents may be

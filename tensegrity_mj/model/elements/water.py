@@ -172,7 +172,7 @@ def wet_parts(first: Array, second: Array) -> tuple[Array, Array]:
         angle = start + point * (end - start)
         wet = weight * (end - start) / size * np.cos(angle) * (0.5 + (angle + np.sin(angle) * np.cos(angle)) / np.pi)
         part, moment = part + wet, moment + wet * (np.sin(angle) - first) / size
-    # What is wholly under water, u > 1, at one end.
+    # The length wholly under water, u > 1, at one end.
     low = np.where(first > 1, 0.0, np.clip((1 - first) / size, 0, 1))
     high = np.where(second > 1, 1.0, np.clip((1 - first) / size, 0, 1))
     sunk = np.where((first > 1) | (second > 1), high - low, 0.0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 FORMAT = 1
 
-# What a file may have at most, so that each is read in seconds, whoever wrote it: its size, a structure of about 25,000
-# rods and three times as many strings; the parts of a dotted key, and how deep values stand in each other, where the
-# format needs 5.
+# Limits of a file, so that any file is read in seconds: its size, enough for a structure of about 25,000 rods and three
+# times as many strings; the parts of a dotted key, and the depth of nested values, of which the format needs 5.
 MOST_BYTES = 10_000_000
 MOST_DEPTH = 16
 MOST_POSITIONS = (
@@ -27,7 +26,7 @@ TUBE_KEYS = ("outer_radius", "wall", "elasticity_modulus", "yield_stress")
 SCENE_LINES: tuple[str, ...] = ("gravity", "duration", "start_time", "rope_start", "loads", "breaks", "motions")
 SCENE_LINES += ("contact", "resistance", "elements")
 SCENE_SECTIONS = ("water", "initial_nodes", "initial_velocities", "target", "control")
-# Those that are written as what they make, of nodes and of motions.
+# Keys that are written as nodes and motions, which they stand for.
 SCENE_KEYS = (*SCENE_LINES, *SCENE_SECTIONS, "whole", "ground")
 GROUND_KEYS = ("file", "baseline", "scale")
 TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")

@@ -185,7 +185,7 @@ def scene_of(top: Table, structure: Structure, folder: Path | None = None) -> Sc
     for key in SCENE_KEYS:
         if key in table.data and key in keys:
             by_node = BY_NODE.get(key)
-            # What belongs to the world, such as a target, knows the structure where it stands.
+            # Values in the world frame, such as a target, refer to the structure where it stands.
             known = structure if key in ("initial_nodes", "initial_velocities") else placed.massless
             given[key] = by_node(table, known) if by_node else read_key(keys[key], table, key)
     if whole is not None:
@@ -261,7 +261,7 @@ def _node_tables(
     return numbers, positions
 
 
-# What names nodes of the structure.
+# Readers of the tables that name nodes of the structure.
 BY_NODE: dict[str, Callable[[Table, Structure], Any]] = {
     "initial_nodes": _initial_nodes,
     "initial_velocities": _initial_velocities,

@@ -26,8 +26,8 @@ SUPPORTS: dict[str, Callable[..., Support]] = {
     "constrained": Support.constrained,
 }
 PINNED = Support.pinned().directions
-SHARING: dict[str, type] = {"rods": Rod, "strings": String}  # what has defaults and groups
-# Of their keys, those that they may share.
+SHARING: dict[str, type] = {"rods": Rod, "strings": String}  # members with defaults and groups
+# The keys that these members may share.
 SHARED = {
     kind: [key for key in item_of(cls).keys if key not in ("name", "nodes", "group")] for kind, cls in SHARING.items()
 }
