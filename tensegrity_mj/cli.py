@@ -61,7 +61,7 @@ GROUPS: Groups = {
     },
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
     "many runs": {"sweep": sweep, "identify": identify, "tradeoff": tradeoff, "validate": validate},
-    "what is there": {"scenes": scenes, "doctor": doctor, "demo": demo},
+    "scenes and installation": {"scenes": scenes, "doctor": doctor, "demo": demo},
 }
 DESCRIPTION = "Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them."
 EPILOG = "example:\n  tensegrity-mj run prism --out prism.nc --video prism.mp4\n\nSI units and radians everywhere."

@@ -116,9 +116,9 @@ def _drawn(
         plots.plot_paths(both, pictures["paths"])
         plots.plot_comparison(comparison, pictures["differences"], runs=both)
 
-    # Beside the film, most of whose time passes in OpenGL and in ffmpeg.
-    with ThreadPoolExecutor(1) as beside:
-        plotted = beside.submit(plot)
+    # In parallel with the film, most of whose time passes in OpenGL and in ffmpeg.
+    with ThreadPoolExecutor(1) as pool:
+        plotted = pool.submit(plot)
         _report("3/4 Filming")
         video, no_video = folder / f"{name}.mp4", ""
         try:

@@ -49,7 +49,7 @@ def counts_of(structure: model.Structure) -> dict[str, int]:
 
 
 def counts_text(counts: Mapping[str, Any]) -> str:
-    """The same in words, such as "1 rod, 3 strings"; without those that there are none of."""
+    """Text of these numbers, such as "1 rod, 3 strings"; without zeros."""
     words = (("rods", "rod"), ("strings", "string"), ("bodies", "body"))
     return ", ".join(f"{counts[many]} {one if counts[many] == 1 else many}" for many, one in words if counts[many])
 

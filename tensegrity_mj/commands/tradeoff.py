@@ -36,8 +36,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         own = law_options_of(options)
         study = tradeoff(scene, options.law or SCENE_LAW, law_options=own, folder=folder, options=chosen, progress=True)
         found.append(study.answer)
-        told = [*study.judgement.lines(), *sentences(study.data)]
-        lines += [f"{scene.name}:", *(f"  {text}" for text in told), ""]
+        findings = [*study.judgement.lines(), *sentences(study.data)]
+        lines += [f"{scene.name}:", *(f"  {text}" for text in findings), ""]
         if folder is not None:
             if has_diagram(study.data):
                 study.save_figure(folder / PICTURE)

@@ -30,5 +30,5 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     folder = report.folder
-    text = "" if folder is None else f"All of it: {folder / PAGE} and {folder / DATA}."
+    text = "" if folder is None else f"Full report: {folder / PAGE} and {folder / DATA}."
     return Outcome(report.data, text, notes=wrote(folder, PAGE), judgement=report.judgement)

@@ -1,4 +1,4 @@
-"""Runs that go on from where another ended: what is kept of its last whole step, and put back.
+"""Runs that go on from where another ended: what is saved of its last whole step, and put back.
 
 `provenance["end"]` of a run has, exactly, the engine's coordinates, what the winches and the law held, what elements
 and strings that yield remember, and the ledger. Steps, samples, breaks, loads and motions go on by the run's own time.
@@ -32,7 +32,7 @@ class Start:
 
     Attributes:
         time: [s].
-        parts: what `kept` has kept, by names.
+        parts: what `saved_state` has saved, by names.
     """
 
     time: float
@@ -57,7 +57,7 @@ class Start:
             plant[name] = type(plant[name])(number)
 
 
-def kept(engine: Any, plant: Table, **own: Array) -> dict[str, Any]:
+def saved_state(engine: Any, plant: Table, **own: Array) -> dict[str, Any]:
     """Encode as texts the state that `Start` puts back."""
     parts = {**{name: plant[name] for name in ARRAYS}, **own, **{name: [plant[name]] for name in NUMBERS}}
     return texts_of(_kind(engine), parts)
@@ -92,7 +92,7 @@ def scene_at_end(run: Trajectory) -> Scene:
     mode, passive = (had.get("actuation") or {}).get("mode", "continuous"), had.get("on_infeasible") == "passive"
     lost = [trait.find(scene) for trait in (CONTACT, YIELDING, ELEMENT_STATES)]
     lost += [f"it ended early ({run.status.value})" if run.status is not Status.COMPLETED else ""]
-    lost += [f"winches hold what they were told (actuation {mode})" if mode != "continuous" else ""]
+    lost += [f"winches hold the last command (actuation {mode})" if mode != "continuous" else ""]
     lost += ["rest lengths may be held (on_infeasible passive)" if passive and had.get("controller") else ""]
     begin = {"start_time": run.time[-1], "initial_nodes": run.nodes[-1], "initial_velocities": run.velocities[-1]}
     try:
@@ -101,7 +101,7 @@ def scene_at_end(run: Trajectory) -> Scene:
         return scene.with_(**begin)
     except SceneError as error:
         raise OptionError(
-            f"the run of {run.engine} cannot be gone on from at {run.time[-1]:.9g} s: {error}; the whole state is kept "
+            f"the run of {run.engine} cannot be continued from {run.time[-1]:.9g} s: {error}; the whole state is saved "
             "of the end of runs by MuJoCo, and by RK4 of DAE and ODE, without locate_slack, accuracy, or many at once"
         ) from None
 

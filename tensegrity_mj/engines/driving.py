@@ -140,7 +140,7 @@ def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int]
 
 
 def chunks(count: int) -> Iterator[tuple[int, int]]:
-    """(first, how many) of pieces out of `count` steps, of a fraction of a second each, with Ctrl-C heard between."""
+    """Yield pieces (first, number) of `count` steps, of a fraction of a second each, and handle Ctrl-C in between."""
     size, first = 64, 0
     while first < count:
         piece = min(size, count - first)

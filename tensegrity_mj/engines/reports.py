@@ -98,7 +98,7 @@ def _sorted(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def _impossible_samples(run: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
-    """`impossible` of recorded samples, where they are all that is known; of force densities below zero none is."""
+    """Count `impossible` of recorded samples, if nothing else is known; of force densities below zero none is."""
     structure = run.scene.structure
     whole = run.time[:, None] <= run.scene.break_times
     below = (run.rest_lengths <= 0.0) & whole & (structure.stiffness > 0.0)
@@ -190,7 +190,7 @@ def _resolution_warnings(run: Trajectory, found: dict[str, Any], step: float) ->
 
 
 def _stiffest(run: Trajectory) -> float:
-    """ω [rad/s] of the stiffest small motion at the start, without law and dampers; 0 where it cannot be found."""
+    """Frequency ω [rad/s] of the stiffest small motion at the start, without law and dampers; 0 if it is not found."""
     from tensegrity_mj.vibration.integrators import largest_frequency
     from tensegrity_mj.vibration.small_motions import vibration
 

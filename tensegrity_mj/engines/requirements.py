@@ -56,8 +56,8 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),
     "random starts": (
-        Limit(CLOSED_LOOPS, "a start by chance would tear the loop open", _OWN_STARTS, OptionError),
-        Limit(CONSTRAINTS, "a start by chance would not keep it", _OWN_STARTS, OptionError),
+        Limit(CLOSED_LOOPS, "a random start would tear the loop open", _OWN_STARTS, OptionError),
+        Limit(CONSTRAINTS, "a random start would not keep it", _OWN_STARTS, OptionError),
     ),
     "MuJoCo's model": ELASTIC_LIMITS,
     "dm_control models": (

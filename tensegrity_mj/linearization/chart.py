@@ -89,7 +89,7 @@ class Chart:
         return len(self._determined) > 0
 
     def coordinates(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-        """δ, δ̇ (n,) of node positions and velocities (N, 3); every b within a right angle of b₀."""
+        """Coordinates δ, δ̇ (n,) of node positions and velocities (N, 3); every b within a right angle of b₀."""
         q, q_rate = self.records.coordinates(nodes), self.records.coordinates(velocities)
         delta, rate = np.zeros(self._all), np.zeros(self._all)
         in_q, in_delta = self._straight
@@ -103,7 +103,7 @@ class Chart:
         return delta[self._chosen], rate[self._chosen]
 
     def accelerations(self, delta: Array, rate: Array, nodes: Array) -> Array:
-        """δ̈ (n,) of node accelerations (N, 3) at δ, δ̇: of δ_b = Tᵀ b / (b₀ᵀ b), differentiated twice."""
+        """Accelerations δ̈ (n,) of those of nodes (N, 3) at δ, δ̇: of δ_b = Tᵀ b / (b₀ᵀ b), differentiated twice."""
         delta, rate = self._completed(delta, rate)
         q_acc = self.records.coordinates(nodes)
         out = np.zeros(self._all)
@@ -119,14 +119,14 @@ class Chart:
         return out[self._chosen]
 
     def _directions(self, q: Array) -> tuple[Array, Array]:
-        """b (R, 3) of q, zero where a planar rod has no third component, and b₀ᵀ b (R, 1)."""
+        """Directions b (R, 3) of q, zero where a planar rod has no third component, and b₀ᵀ b (R, 1)."""
         rods, columns, places = self._parts
         b = np.zeros_like(self._b0)
         b[rods, columns] = q[places]
         return b, np.sum(self._b0 * b, axis=1, keepdims=True)
 
     def _across(self, b: Array) -> Array:
-        """Tᵀ b (R, 2)."""
+        """Components Tᵀ b (R, 2) across b₀."""
         return np.einsum("rki,rk->ri", self._T, b)
 
     def _turns(self, delta: Array) -> Array:
@@ -137,7 +137,7 @@ class Chart:
         return x
 
     def _q(self, delta: Array, rate: Array) -> tuple[Array, Array]:
-        """q and q̇ of all δ, δ̇."""
+        """Return q and q̇ of all δ, δ̇."""
         q, q_rate = self.q0.copy(), np.zeros_like(self.q0)
         in_q, in_delta = self._straight
         q[in_q] += delta[in_delta]
@@ -220,12 +220,12 @@ class AssembledChart(Chart):
         return slopes_of(self.system.table, q)
 
     def coordinates(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
-        """δ, δ̇ (n,) of node positions and velocities (N, 3)."""
+        """Coordinates δ, δ̇ (n,) of node positions and velocities (N, 3)."""
         q, rates = self.system.state(nodes, velocities)
         return (q - self._start)[self._chosen], rates[self._chosen]
 
     def accelerations(self, delta: Array, rate: Array, nodes: Array) -> Array:
-        """δ̈ (n,) of node accelerations (N, 3), in which q̈ is linear."""
+        """Accelerations δ̈ (n,) of those of nodes (N, 3), in which q̈ is linear."""
         return self.system.state(nodes, nodes)[0][self._chosen]
 
 

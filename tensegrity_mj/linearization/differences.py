@@ -14,7 +14,7 @@ PAIRS = 6
 
 
 def _weights(pairs: int) -> Array:
-    """w of f'(0) h = Σ w (f(k h) - f(-k h)), k = 1 to n: of order 2 n (Lagrange's weights), zero above n."""
+    """Weights w of f'(0) h = Σ w (f(k h) - f(-k h)), k = 1 to n: of order 2 n (Lagrange's), zero above n."""
     found = np.zeros(PAIRS)
     for k in range(1, pairs + 1):
         w = math.factorial(pairs) ** 2 / (k * math.factorial(pairs - k) * math.factorial(pairs + k))
@@ -35,12 +35,12 @@ NARROW, NARROW_RATE = 0.01, 1e-6
 
 
 def central(function: Callable[[float], Array], h: float) -> Array:
-    """f'(0) by the points of WEIGHTS."""
+    """Derivative f'(0) by the points of WEIGHTS."""
     return _both(function, h)[0]
 
 
 def settled(function: Callable[[float], Array], h: float) -> Array:
-    """f'(0) by the points of WEIGHTS, whose step is halved as long as one pair fewer shows that it is too long.
+    """Derivative f'(0) by the points of WEIGHTS; the step is halved while one pair fewer shows that it is too long.
 
     In long chains of rods it may be: a rod that much hangs on is analytic in a far shorter distance than its length.
     """
@@ -55,7 +55,7 @@ def settled(function: Callable[[float], Array], h: float) -> Array:
 
 
 def _both(function: Callable[[float], Array], h: float) -> tuple[Array, float]:
-    """f'(0) by all pairs, and the largest difference from that of one pair fewer."""
+    """Derivative f'(0) by all pairs, and the largest difference from that of one pair fewer."""
     found = fewer = np.zeros(())
     for p, (weight, other) in enumerate(zip(WEIGHTS, FEWER, strict=True), start=1):
         change = function(p * h) - function(-p * h)

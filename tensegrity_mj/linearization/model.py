@@ -94,22 +94,22 @@ class Linearization:
 
     @property
     def modes(self) -> Array:
-        """(3N, 2n + S) complex: the nodes' motion in each mode, in the order of `eigenvalues`, its largest entry 1."""
+        """Modes (3N, 2n + S) complex: the nodes' motion in each, in the order of `eigenvalues`, its largest entry 1."""
         return self._modes()[1]
 
     @property
     def frequencies(self) -> Array:
-        """|λ| / 2π [Hz] of the modes that swing or are held, ascending: one of each conjugate pair, no rigid motion."""
+        """Frequencies |λ| / 2π [Hz] of modes that swing or are held, ascending: one a pair, without rigid motions."""
         return np.abs(self._held) / (2 * np.pi)
 
     @property
     def damping_ratios(self) -> Array:
-        """-Re λ / |λ| of the same modes."""
+        """Damping ratios -Re λ / |λ| of the same modes."""
         return np.asarray(-self._held.real / np.abs(self._held))
 
     @property
     def _held(self) -> Array:
-        """λ of these."""
+        """Eigenvalues λ of these modes."""
         values = self.eigenvalues
         return values[(np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2) & (values.imag >= 0)]
 
@@ -137,7 +137,7 @@ class Linearization:
         return values[order], moved
 
     def deviation(self, nodes: ArrayLike, velocities: ArrayLike, states: ArrayLike | None = None) -> Array:
-        """x (2n + S,) of node positions and velocities (N, 3): what they differ by from the state of this model.
+        """Deviation x (2n + S,) of node positions and velocities (N, 3) from the state of this model.
 
         States (S,) of elements are those of the scene's start by default.
         """
@@ -155,7 +155,7 @@ class Linearization:
 
     @cached_property
     def _rate(self) -> Array:
-        """δ̇ of the state."""
+        """Rates δ̇ of the state."""
         return self._chart.coordinates(self.nodes, self.velocities)[1]
 
     def to_control(self) -> StateSpace:

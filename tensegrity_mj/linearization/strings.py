@@ -160,7 +160,7 @@ class SetRestLengths:
         return np.array(plant["rest"])
 
     def derivative(self, chart: Chart, rate0: Array, reach: float, inputs: Command) -> tuple[Array, list[str]]:
-        """∂v/∂x (M, 2n) by central differences, and remarks about kinks.
+        """Derivative ∂v/∂x (M, 2n) by central differences, and remarks about kinks.
 
         For each column that step is taken whose result differs least from that of the next shorter one.
         """

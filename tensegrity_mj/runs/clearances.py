@@ -110,7 +110,7 @@ class ClearanceSearch:
         self.pairs, self.pair_kinds = self.pairs[order], self.pair_kinds[order]
 
     def result(self, every_pair: bool, over_time: bool, progress: bool) -> Clearance:
-        """All that is wanted."""
+        """Search for all that is requested."""
         found = np.zeros((len(self.pairs), 4))
         events: list[Event] = []
         curves = np.full((len(Pairs), len(self.time)), np.inf)

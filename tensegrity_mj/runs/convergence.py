@@ -178,7 +178,7 @@ def judge(
     highest: int | None = None,
     kinks: bool = False,
 ) -> Estimate:
-    """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count.
+    """Estimate the error from the differences [m] of neighbouring runs, of which the last two count.
 
     Args:
         differences: one fewer than steps.
@@ -199,7 +199,7 @@ def judge(
         # No order is known yet: that of 1 is assumed, however high the method's, which leaves room where it is higher.
         value = d / (ratio - 1) * (SAFETY if order == 1 else 1.0)
         if kinks:
-            return Estimate(value, False, f"two runs differ by {d:.2g} m, and may do so by chance as forces have kinks")
+            return Estimate(value, False, f"two runs differ by {d:.2g} m, perhaps by coincidence: forces have kinks")
         return Estimate(value, True, f"two runs differ by {d:.2g} m; an order of 1 is assumed")
     before, ratio_before = differences[-2], steps[-3] / steps[-2]
     observed = observed_order(before / d, ratio_before, ratio, order)
@@ -226,7 +226,7 @@ def judge(
 
 
 def judge_tolerances(differences: Sequence[float], floor: float, tolerance: float = 0.0) -> Estimate:
-    """The same for a method that controls its own error, from runs of tolerances that fall tenfold or more.
+    """Estimate the error of a method that controls its own, from runs of tolerances that fall tenfold or more.
 
     Its error follows the tolerance by no fixed order. The last difference is the error of the run before the last, and
     so an upper estimate of that of the last, which is usually many times less. It cannot be less than what the last

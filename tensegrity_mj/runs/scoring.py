@@ -129,7 +129,7 @@ def reference_of(scene: str | os.PathLike[str]) -> Table:
     path = find(name)[2] / "reference.csv"
     if not path.is_file():
         raise FormatError(
-            f"scene '{scene}': there is no reference.csv beside it; scenes that have one: {', '.join(pack_names())}"
+            f"scene '{scene}': there is no reference.csv next to it; scenes that have one: {', '.join(pack_names())}"
         )
     found = read_table(path)
     positive(f"{path}: error", found.header.get("error"), "[m]")

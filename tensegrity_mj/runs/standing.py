@@ -83,7 +83,7 @@ def edge_margins(corners: ArrayLike, point: ArrayLike, up: Sequence[float] | Arr
     places, at = np.array(corners, float), np.array(point, float)
     centre = places.mean(axis=0)
     if len(places) > 3:
-        places = places[_around(places, centre, normal)]
+        places = places[_hull_corners(places, centre, normal)]
     ahead = np.roll(places, -1, axis=0) - places
     inward = np.cross(normal, ahead)
     sizes = np.linalg.norm(inward, axis=1)
@@ -94,7 +94,7 @@ def edge_margins(corners: ArrayLike, point: ArrayLike, up: Sequence[float] | Arr
     return np.asarray(np.sign(inside) * np.sum(inward * (at - places), axis=1)) if np.all(inside) else np.zeros(0)
 
 
-def _around(places: Array, centre: Array, normal: Array) -> list[int]:
+def _hull_corners(places: Array, centre: Array, normal: Array) -> list[int]:
     """The corners of the convex hull in order around it."""
     from scipy.spatial import ConvexHull, QhullError
 

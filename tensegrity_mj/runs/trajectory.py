@@ -284,8 +284,8 @@ class Trajectory:
         time = finite("time", read(time), " [s]")
         row = int(np.searchsorted(self.time, time * (1 - 1e-9)))
         if row == len(self.time) or self.time[row] > time * (1 + 1e-9):
-            beside = " and ".join(f"{one:.9g} s" for one in self.time[max(row - 1, 0) : row + 1])
-            raise OptionError(f"the run of '{self.scene.name}' has no sample at {time:.9g} s; the nearest: {beside}")
+            nearest = " and ".join(f"{one:.9g} s" for one in self.time[max(row - 1, 0) : row + 1])
+            raise OptionError(f"the run of '{self.scene.name}' has no sample at {time:.9g} s; the nearest: {nearest}")
         found = self.until(row + 1)
         return found if found is self else replace(found, status=Status.COMPLETED, message="")
 

@@ -1,4 +1,4 @@
-"""`simulate`, and the accelerations at one state, for every engine."""
+"""One run, by `simulate`, and the accelerations at one state, for every engine."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def test_what_cannot_go_on_says_why() -> None:
     for run, engine, message in (
         (first, tmj.DAE(), "the run to go on from is of MuJoCo"),
         (rest, tmj.MuJoCo(H), "has reached the scene's duration"),
-        (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be gone on from.*string 'y' yields"),
+        (tmj.simulate(scene, engine="dae", duration=HALF), tmj.DAE(), "cannot be continued from.*string 'y' yields"),
         (first, tmj.MuJoCo(3e-3), "no multiple"),
         (first.until(0), tmj.MuJoCo(H), "the run has no samples"),
     ):
@@ -173,8 +173,8 @@ def test_samples_that_lack_a_part_of_the_state_are_refused_by_name() -> None:
     for run, message in (
         (tmj.simulate(hung(), timestep=H), "string 'y' yields"),
         (tmj.simulate("prism_drop", None, duration=0.05, timestep=5e-4), "scene 'prism_drop' has contact"),
-        (tmj.simulate("prism", actuation=tmj.Actuation.hold_rest_length(0.01), **prism), "winches hold what they were"),
+        (tmj.simulate("prism", actuation=tmj.Actuation.hold_rest_length(0.01), **prism), "winches hold the last"),
         (tmj.simulate("prism", on_infeasible="passive", **prism), "rest lengths may be held"),
     ):
-        with pytest.raises(tmj.errors.OptionError, match=rf"gone on from at 0\.02 s: .*{message}.*; the whole"):
+        with pytest.raises(tmj.errors.OptionError, match=rf"continued from 0\.02 s: .*{message}.*; the whole"):
             tmj.simulate(run.at(0.02), timestep=H)

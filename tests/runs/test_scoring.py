@@ -179,7 +179,7 @@ def test_bad_tables_are_refused_in_a_line(
     [
         (
             "compare prism mine.csv --score",
-            "scene 'prism': there is no reference.csv beside it; scenes that have one: ",
+            "scene 'prism': there is no reference.csv next to it; scenes that have one: ",
         ),
         ("compare pack/fre mine.csv --score", "(did you mean 'pack/free'?)"),
         ("compare pinned mine.csv mine.csv --score --steps 1e-3 0.001", "--steps 0.001 0.001: each"),

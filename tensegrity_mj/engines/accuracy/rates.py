@@ -53,8 +53,8 @@ class Rates:
         """
         found = math.inf
         if self.turn > 0:
-            kept = (144 / (self.turn * duration)) ** 0.2 if order == 4 else math.inf
-            found = min(RESOLVED, kept) / self.turn
+            in_phase = (144 / (self.turn * duration)) ** 0.2 if order == 4 else math.inf
+            found = min(RESOLVED, in_phase) / self.turn
         return min(found, RESOLVED / self.decay) if damped and self.decay > 0 else found
 
 
@@ -94,7 +94,7 @@ def _rates(scene: Scene, nodes: Array, velocities: Array, tensions: Array, stiff
 
 
 def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> tuple[float, float]:
-    """ω [1/s] of rods that swing in the pull on their ends and in their weight, and their spin [rad/s].
+    """Frequencies ω [1/s] of rods that swing in the pull on their ends and in their weight, and their spin [rad/s].
 
     Forces f along fixed directions at the ends of a rod of length l turn it back by (f1 + f2) l / 2 an angle at most,
     and its moment of inertia is m l²/12: ω² <= 6 (f1 + f2) / m l. About an end it is 3 f / m l. Where a rod carries
@@ -124,7 +124,7 @@ def _finite_max(values: Array) -> float:
 
 
 def _mobilities(structure: Structure) -> Array:
-    """(2, R): how much more the ends of rods turn for a force there, over arms of half a rod, than uniform rods do."""
+    """Ratio (2, R) of the turning of rods by a force at an end, over arms of half a rod, to that of uniform rods."""
     centers, moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)
     uniform = structure.rod_masses * structure.rod_lengths**2 / 12
     return np.stack([2 * centers, 2 * (1 - centers)]) * (uniform / moments)

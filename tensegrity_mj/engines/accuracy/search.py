@@ -78,7 +78,7 @@ class Steps:
         return self.unit / _power_of_two(self.unit / step)
 
     def recorded_each(self, step: float) -> float:
-        """[s] between samples of its run: 0.005 to 0.01 s, a step at least, and multiples of unit hit."""
+        """Time [s] between samples of its run: 0.005 to 0.01 s, a step at least, and multiples of unit hit."""
         if self.interval is not None:
             return self.interval
         if self.unit <= DEFAULT_INTERVAL:

@@ -53,7 +53,7 @@ class Belief:
         self.parameters = {"target": target, **{name: self._model.parameters[name] for name in ("gravity", "effects")}}
 
     def places(self, nodes: Any) -> Any:
-        """(P + R, 3, ...) of nodes (N, 3, ...): z of points, along the directions that they are free to move in, behind
+        """Places (P + R, 3, ...) of nodes (N, 3, ...): z of points, along the directions that they are free in, behind
         them zeros; and the unit vectors b of the rods."""
         flat = times(self._rows, nodes.reshape(-1, *nodes.shape[2:]))
         return flat.reshape(-1, 3, *nodes.shape[2:])

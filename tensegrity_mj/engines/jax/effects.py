@@ -80,7 +80,7 @@ def array_effect(element: Element, scene: Scene) -> ArrayEffect:
 
 
 def loads(element: NodalLoads, scene: Scene) -> ArrayEffect:
-    """f(t) = force · cos(ω t + phase) of every load; of a function in Python, ElementError."""
+    """Forces f(t) = force · cos(ω t + phase) of every load; of a function in Python, ElementError."""
     if callable(scene.loads):
         raise ElementError(
             f"{FUNCTION_LOADS.find(scene)}, which arrays cannot call: give `Load`s, an element with array functions "
@@ -169,7 +169,7 @@ def _drag(normal: Any, tangential: Any, spans: Any, u1: Any, u2: Any) -> tuple[A
 
 
 def bending_stiffness(element: BendingStiffness, scene: Scene) -> ArrayEffect:
-    """½ κ ‖e‖² of every joint."""
+    """Energy ½ κ ‖e‖² of every joint."""
     bend = _bend(scene, element.bending)
 
     def energy(p: Any, t: Any, x: Any) -> Any:
@@ -179,7 +179,7 @@ def bending_stiffness(element: BendingStiffness, scene: Scene) -> ArrayEffect:
 
 
 def bending_damping(element: BendingDamping, scene: Scene) -> ArrayEffect:
-    """½ γ ‖ė‖² of every joint."""
+    """Dissipation potential ½ γ ‖ė‖² of every joint."""
     bend = _bend(scene, element.bending)
 
     def dissipation(p: Any, t: Any, x: Any, v: Any) -> Any:
@@ -189,7 +189,7 @@ def bending_damping(element: BendingDamping, scene: Scene) -> ArrayEffect:
 
 
 def _bend(scene: Scene, bending: Bending) -> Array:
-    """(J, N): times positions, e = d_a - d_b of each joint; of rigid rods, whose unit vectors are spans over ℓ."""
+    """Matrix (J, N) from positions to e = d_a - d_b of each joint; of rigid rods, whose unit vectors are spans / ℓ."""
     structure = scene.structure
     joints, nodes = bending_joints(structure, bending), np.eye(len(structure.nodes))
     outer, joint, other = nodes[np.array([one.nodes for one in joints]).T]
@@ -198,7 +198,7 @@ def _bend(scene: Scene, bending: Bending) -> Array:
 
 
 def nodal_damping_of(element: NodalDamping, scene: Scene) -> ArrayEffect:
-    """½ c |v|² of every point mass that is damped."""
+    """Dissipation potential ½ c |v|² of every point mass that is damped."""
     rows, factors = nodal_damping(scene.structure)
     at = np.eye(len(scene.structure.nodes))[rows]
 
@@ -209,7 +209,7 @@ def nodal_damping_of(element: NodalDamping, scene: Scene) -> ArrayEffect:
 
 
 def elastic_rods(element: ElasticRods, scene: Scene) -> ArrayEffect:
-    """½ k (L - ℓ)² that is stored, and ½ c (dL/dt)², of every elastic rod."""
+    """Stored energy ½ k (L - ℓ)², and dissipation potential ½ c (dL/dt)², of every elastic rod."""
     structure = scene.structure
     rows = np.flatnonzero(structure.elastic)
     across = incidence(structure.rod_nodes[rows], len(structure.nodes))

@@ -161,7 +161,7 @@ class JAX:
         return Program(engine, request, found)
 
     def _instants(self, times: ArrayLike, duration: float | None, interval: float | None, begin: float) -> Array:
-        """`times` of `model` (T,), checked."""
+        """Check `times` (T,) of `model`."""
         if self.method is Method.RK4:
             raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
         if duration is not None or interval is not None:

@@ -28,13 +28,13 @@ class Piece(NamedTuple):
     Attributes:
         kind: what its compiled function depends on.
         given: the arguments of that function in addition to the state.
-        kept: which of its rows are recorded, that of its start being the first.
+        recorded: which of its rows are recorded, that of its start being the first.
         end: [s].
     """
 
     kind: tuple[int, ...]
     given: Any
-    kept: Any
+    recorded: Any
     end: float
 
 
@@ -143,13 +143,13 @@ class ControlledSteps:
                 own = marks[first : first + size + 1]
                 # Where strings break, it is the piece behind that is recorded.
                 low, high = np.searchsorted(self.times, own[[0, -1]])
-                kept = (
+                recorded = (
                     np.isin(own, self.times[low : high + 1])
                     & ((own > own[0]) | (first == 0))
                     & ((own < end) | (end == ends[-1]))
                 )
                 given = own, before.astype(float), whole.astype(float)
-                yield Piece((len(own),), given, np.flatnonzero(kept), float(own[-1]))
+                yield Piece((len(own),), given, np.flatnonzero(recorded), float(own[-1]))
                 first, before = first + size, whole
             start = end
 

@@ -93,7 +93,7 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
 
 
 class Coordinates:
-    """q of §2.3, of places (P + R, 3), see `Belief`: every rod's z and angles, then every point mass' z.
+    """Coordinates q of §2.3 of places (P + R, 3), see `Belief`: every rod's z and angles, then every point mass' z.
 
     Attributes:
         turns: (n,), which of them go round.
@@ -112,7 +112,7 @@ class Coordinates:
         self.turns = self._order % 5 == 3
 
     def __call__(self, places: Any) -> tuple[Any, Any]:
-        """q (n,), and sin φ (R,), 1 of planar rods."""
+        """Return q (n,), and sin φ (R,), 1 of planar rods."""
         z, spans = jnp.split(places, [len(places) - len(self._axes)])
         b = jnp.einsum("rxk,rx->rk", self._axes, spans)
         across, length = norm(b), norm(spans)
@@ -129,7 +129,7 @@ ACCURACY = 1e-8  # relative to the terms of a row: what misses more has no solut
 
 
 def least_cost(h: Any, A: Any, d: Any, S: Any, s: Any, lo: Any, hi: Any) -> tuple[Any, Any]:
-    """u (M,), not a number where there is none, and the largest violation of a row.
+    """Compute u (M,) of least cost, NaN where there is none, and the largest violation of a row.
 
     Args:
         h: (M,) > 0, the diagonal of H.
@@ -167,7 +167,7 @@ def _meets(G: Any, b: Any, lo: Any, hi: Any, n: int, u: Any) -> tuple[Any, Any]:
 
 
 def _between(h: Any, G: Any, b: Any, u: Any, free: Any, active: Any) -> tuple[Any, Any]:
-    """y and u, of which those not free are given, for the rows that are active."""
+    """Solve for y and u, of which those not free are given, with the rows that are active."""
     columns = jnp.where(free & active[:, None], G, 0.0)
     K = (columns / h) @ columns.T
     y, left = jnp.zeros_like(b), jnp.where(active, b - G @ jnp.where(free, 0.0, u), 0.0)

@@ -176,7 +176,7 @@ class Model:
         return state._replace(works=state.works.at[WINCH].add(new - old)), held
 
     def _nodes(self, t: Any, state: State) -> tuple[Any, Any, tuple[Any, ...]]:
-        """x and v (N, 3, ...), and y, ẏ and what is prescribed."""
+        """Return x and v (N, 3, ...), and y, ẏ and what is prescribed."""
         prescribed = self.system.prescribed(t)
         y = self.system.vectors(state.places, prescribed[0])
         rates = self.system.vectors(state.rates, prescribed[1])

@@ -184,9 +184,9 @@ class Program:
                 if "custom_vjp" not in str(error):
                     raise
                 raise OptionError(f"{FORWARD}: {error}") from error
-            state, held, ended, kept = found.state, found.held, found.ended, piece.kept
+            state, held, ended, recorded = found.state, found.held, found.ended, piece.recorded
             parts.append(
-                jax.tree.map(lambda x, k=kept, end=ended: jnp.where(end == TO_THE_END, x[k], jnp.nan), found.rows)
+                jax.tree.map(lambda x, k=recorded, end=ended: jnp.where(end == TO_THE_END, x[k], jnp.nan), found.rows)
             )
         return jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
 
@@ -246,7 +246,7 @@ class Program:
                 steps, ended = steps + int(more), int(how)
                 if more > 2 * MOST_STEPS:  # by steps and not by seconds, which would make results depend on these
                     most[0] = max(1, (len(rows.time) - 1) * MOST_STEPS // int(more))
-                parts.append(jax.tree.map(lambda x, kept=piece.kept: np.asarray(x)[kept], rows))
+                parts.append(jax.tree.map(lambda x, k=piece.recorded: np.asarray(x)[k], rows))
                 show(piece.end)
                 interrupts.raise_if_requested()
                 if ended != TO_THE_END or not np.any(np.isfinite(rows.nodes[-1])):

@@ -126,7 +126,7 @@ def _inner(a: Any, b: Any) -> Any:
 
 
 def least_squares(v: Any, alpha: Any) -> tuple[Any, Any]:
-    """u (M, ...) of least norm 2 without bounds, and the margin max(v/α) (...); zero where that is not positive."""
+    """Return u (M, ...) of least norm 2 without bounds, and the margin max(v/α) (...); 0 where that is not positive."""
     w = jnp.where(alpha > 0.0, v, -v)
     need, best = jnp.abs(alpha), jnp.max(w, axis=0)
     solved = (best > 0.0) & (need > 0.0)
@@ -136,7 +136,7 @@ def least_squares(v: Any, alpha: Any) -> tuple[Any, Any]:
 
 
 def least_norm(v: Any, alpha: Any, floor: Any, ceiling: Any, capped: Any, norm: float) -> tuple[Any, Any]:
-    """u (M, ...) of least norm 1, 2 or ∞, and the feasibility margin (...); u = ū where that is not positive.
+    """Return u (M, ...) of least norm 1, 2 or ∞, and the feasibility margin (...); u = ū where that is not positive.
 
     Args:
         v: (M, ...).
@@ -173,7 +173,7 @@ def least_norm(v: Any, alpha: Any, floor: Any, ceiling: Any, capped: Any, norm: 
 
 
 def _fill(w: Any, g: Any, need: Any, floor: Any, ceiling: Any, capped: Any) -> Any:
-    """u = min(max(ū, μ g), c) of the strings with w > 0, with wᵀ(u - ū) = need."""
+    """Return u = min(max(ū, μ g), c) of the strings with w > 0, with wᵀ(u - ū) = need."""
     helps = w > 0.0
     g = jnp.where(helps, g, 1.0)
     rises, stops = floor / g, jnp.where(capped, ceiling / g, jnp.inf)

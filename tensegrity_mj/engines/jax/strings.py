@@ -51,7 +51,7 @@ class Curves:
             self.widths[m, last - 1] = np.inf
 
     def parameters(self, structure: Structure) -> dict[str, Array]:
-        """`constant_forces`, where there are curves or such forces."""
+        """Parameters `constant_forces`, where there are curves or such forces."""
         forces = np.array([one.tension if one.is_constant else 0.0 for one in structure.strings], float)
         return {} if self.linear else {"constant_forces": forces}
 
@@ -141,7 +141,7 @@ class Strings:
         return lengths - self.curves.stretch(p, densities * lengths)
 
     def densities(self, p: Arrays, lengths: Any, rest: Any) -> Any:
-        """u (M, ...) at rest lengths, below zero where linear strings would push."""
+        """Force densities u (M, ...) at rest lengths, below zero where linear strings would push."""
         if self.curves.linear:
             return lifted(p["stiffness"], lengths) * (1.0 - rest / lengths)
         return self.curves.pull(p, lengths - rest)[0] / lengths

@@ -162,9 +162,9 @@ class System:
             from scipy.linalg import null_space, qr
 
             triangle, order = qr((held / np.linalg.norm(held, axis=1)[:, None]).T, mode="r", pivoting=True)
-            kept = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
-            held, self.offsets, self.drives = held[kept], self.offsets[kept], self.drives[kept]
-            links = [links[k] for k in kept]
+            independent = np.sort(order[: min(triangle.shape)][np.abs(np.diag(triangle)) > RANK_TOLERANCE])
+            held, self.offsets, self.drives = held[independent], self.offsets[independent], self.drives[independent]
+            links = [links[k] for k in independent]
             self.free = null_space(held, rcond=RANK_TOLERANCE)
             self.inverse = np.asarray(np.linalg.pinv(held), float)
         self.of_constraints = (np.arange(len(structure.constraints))[:, None] == np.array(links, int)) @ self.inverse.T
@@ -231,30 +231,30 @@ class System:
         return derivatives(place, t)
 
     def state(self, nodes: Any, velocities: Any, t: Any = 0.0) -> tuple[Any, Any]:
-        """s and ṡ of node positions and velocities (N, 3, ...)."""
+        """Return s and ṡ of node positions and velocities (N, 3, ...)."""
         place, rate, _ = self.prescribed(t)
         return self.reduced(times(self.fit, nodes), place), self.reduced(times(self.fit, velocities), rate)
 
     def reduced(self, vectors: Any, place: Place) -> Any:
-        """s of y, its rates of ẏ: (C, 3, ...), or (n, ...) where something is held."""
+        """Return s of y, or its rates of ẏ: (C, 3, ...), or (n, ...) where something is held."""
         if self.free is None:
             return vectors
         off = vectors - lifted(place.vectors, vectors)
         return times(self.free.T, off.reshape(3 * self.size, *off.shape[2:]))
 
     def vectors(self, reduced: Any, place: Place) -> Any:
-        """y (C, 3, ...) of s, and ẏ of ṡ."""
+        """Return y (C, 3, ...) of s, and ẏ of ṡ."""
         if self.free is None:
             return reduced
         own = times(self.free, reduced).reshape(self.size, 3, *reduced.shape[1:])
         return own + lifted(place.vectors, own)
 
     def nodes(self, vectors: Any, place: Place) -> Any:
-        """x (N, 3, ...) of y, velocities of ẏ, accelerations of ÿ."""
+        """Return x (N, 3, ...) of y, velocities of ẏ, or accelerations of ÿ."""
         return times(self.maps, vectors) + lifted(place.nodes, vectors)
 
     def accelerate(self, mobility: Mobility, y: Any, rates: Any, forces: Any, place: Place) -> tuple[Any, Any, Any]:
-        """ÿ (C, 3, ...), μ (P, ...), and the forces of supports and constraints (C, 3, ...) [N].
+        """Solve for ÿ (C, 3, ...), μ (P, ...), and the forces of supports and constraints (C, 3, ...) [N].
 
         `forces` (C, 3, ...) act on the vectors, Φᵀ F; `place` has the accelerations of what is prescribed.
         """
@@ -267,7 +267,7 @@ class System:
         return found, mu, mobility.inertia(found) - forces + back
 
     def projected(self, mobility: Mobility, y: Any, rates: Any) -> tuple[Any, Any]:
-        """y and ẏ moved in the metric of the masses to where rods and bodies have their shape: a step of Newton's."""
+        """Project y and ẏ, in the metric of the masses, to where rods and bodies have their shape: one Newton step."""
         e = times(self.spans, y)
         y = y - self._moved(mobility, e, 0.5 * (self.inner(e, e) - lifted(self.values, e[0])))
         e = times(self.spans, y)
@@ -291,7 +291,7 @@ class System:
         return jax.linear_transpose(lambda other: self.inner(e, other), e)(mu)[0]
 
     def _solved(self, mobility: Mobility, e: Any, right: Any) -> Any:
-        """μ (P, ...) of J E W Eᵀ Jᵀ μ = right."""
+        """Solve J E W Eᵀ Jᵀ μ = right for μ (P, ...)."""
         if not len(self.pairs):
             return right
         between, isotropic = mobility.between, mobility.between.ndim == 2
@@ -353,7 +353,7 @@ def displacements(scene: Scene) -> Callable[[Any], Any]:
 
 
 def _displacement(motion: Motion) -> Callable[[Any], Any]:
-    """Σ amplitude · sin(ω t + phase), and Σ c_k (t - t_i)^k by the data's quintics; still before and after these."""
+    """Return Σ amplitude · sin(ω t + phase) + Σ c_k (t - t_i)^k, by the data's quintics; constant outside of these."""
     amplitudes = np.array([item.amplitude for item in motion.harmonics]).reshape(-1, 3)
     frequencies = np.array([item.angular_frequency for item in motion.harmonics])
     phases = np.array([item.phase for item in motion.harmonics])

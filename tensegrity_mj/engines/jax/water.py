@@ -92,16 +92,16 @@ class Waves(NamedTuple):
     depth: Any  # h [m], or None for deep water
 
     def angle(self, t: Any, x: Any, y: Any) -> Any:
-        """θ (W, L, M, B)."""
+        """Phase angle θ (W, L, M, B)."""
         along = jnp.cos(self.direction) * x + jnp.sin(self.direction) * y
         return self.frequency * t + self.phase - self.number * along
 
     def elevation(self, t: Any, x: Any, y: Any) -> Any:
-        """ζ (L, M, B)."""
+        """Surface elevation ζ (L, M, B)."""
         return _total([self.amplitude], jnp.sin(self.angle(t, x, y)))[0]
 
     def flow(self, t: Any, x: Any, y: Any, z: Any) -> Any:
-        """v and ∂v/∂t (2, 3, L, M, B)."""
+        """Velocity v and acceleration ∂v/∂t of the water (2, 3, L, M, B)."""
         angle, k, h = self.angle(t, x, y), self.number, self.depth
         if h is None:
             across = up = jnp.exp(k * z)
@@ -148,7 +148,7 @@ def _components(fixed: _Fixed, p: Arrays) -> list[Waves]:
 
 
 def wave_number(frequency: Any, gravity: float, depth: Any) -> Any:
-    """k with ω² = g k tanh kh, by Newton's method on x tanh x = y, x = k h, which has its derivatives, too."""
+    """Solve ω² = g k tanh kh for k, by Newton's method on x tanh x = y, x = k h, which has its derivatives, too."""
     deep = frequency**2 / gravity
     if depth is None:
         return deep

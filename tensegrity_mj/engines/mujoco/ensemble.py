@@ -69,14 +69,14 @@ class MuJoCoEnsemble:
             if number == 0:
                 check_rows(float(count) * member.rows.shape[0], member.rows.shape[1])
         # What the end of a step leaves in MjData the next simulation overwrites: copies, refreshed at each call.
-        kept = ["qvel", "qacc", "actuator_force"]
+        names = ["qvel", "qacc", "actuator_force"]
         if first.contact is not None or (first.motions and tree.forest.closures):
-            kept.append("qfrc_constraint")
-        self.kept = {name: self.batch.bind(name) for name in kept}
+            names.append("qfrc_constraint")
+        self.copies = {name: self.batch.bind(name) for name in names}
         self.running = np.ones(count, np.int64)
         self.guide = many.Guide(self.model)
         self.guide.set(token=TOKEN, runs=self.tables, running=self.running)
-        self.guide.keep(self.kept)
+        self.guide.keep(self.copies)
 
     def prepare(self, scene: Scene) -> Prepared:
         """A scene with a model of its own.

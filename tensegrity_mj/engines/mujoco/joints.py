@@ -66,11 +66,11 @@ class JointForces:
         tensions = rows[:, 6 * N + 2 * M : 6 * N + 3 * M]
         states = rows[:, 6 * N + 3 * M + 3 :]  # and what comes behind them
         loads = forces_of(scene.effects, scene, time, nodes, velocities, states)
-        kept = rows[:, -self.width :]
+        states = rows[:, -self.width :]
         if self.width > self.state:
-            loads += kept[:, self.state :].reshape(T, N, 3)
+            loads += states[:, self.state :].reshape(T, N, 3)
         pushes = np.zeros((T, 0, 2, 3)) if pushes is None else pushes
-        accelerations, pulls, gaps = self._solve(time, kept[:, : self.state], tensions, loads, pushes)
+        accelerations, pulls, gaps = self._solve(time, states[:, : self.state], tensions, loads, pushes)
         nodal = rods.string_forces(structure, nodes, tensions) + loads
         forces = self._end_forces(nodal, pushes, pulls, accelerations)
         sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]

@@ -90,12 +90,12 @@ def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, 
     for structure, owner, field in arrays:
         if np.size(view := getattr(owner, field)):
             check(structure, field, ctypes.c_void_p, address_of(view))
-    kept = data.time
+    before = data.time
     try:
         data.time = 0.8414709848078965
         check("mjData", "time", ctypes.c_double, data.time)
     finally:
-        data.time = kept
+        data.time = before
     for field in ("nu", "nsite", "nbody", "ntendon", "nuserdata"):
         check("mjModel", field, ctypes.c_int64, getattr(model, field))
     check("mjModel", "signature", ctypes.c_uint64, model.signature)

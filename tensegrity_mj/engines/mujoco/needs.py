@@ -180,7 +180,7 @@ def engine_for_size(scene: Scene) -> str:
             "of their number, and one of the DAE in proportion to it"
         )
     if rods > MOST_RODS:
-        return f"the DAE: to set {rods} rods up takes MuJoCo a time that grows with the square of their number"
+        return f"the DAE: MuJoCo's time to set up {rods} rods grows with the square of their number"
     return "MuJoCo or the DAE: their steps take about the same time at this size"
 
 

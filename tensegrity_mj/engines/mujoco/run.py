@@ -13,7 +13,7 @@ from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.engines.continuing import kept
+from tensegrity_mj.engines.continuing import saved_state
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.contact import Contacts
@@ -138,7 +138,7 @@ class MuJoCoRun:
                 return int(counters[STEP]) - begin
 
             if drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
-                end = kept(self.options, self.plant, **self._own)
+                end = saved_state(self.options, self.plant, **self._own)
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
             if counters[ENDED] != RUNNING:
@@ -179,9 +179,9 @@ class MuJoCoRun:
             for text in texts:
                 warn_caller(f"MuJoCo: {text}", RuntimeWarning)
             return run
-        time, kept = step * options.timestep, int(counters[NEXT_ROW])
+        time, count = step * options.timestep, int(counters[NEXT_ROW])
         if counters[STAGE] == 0 and not self.plant["status"]:
-            self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
+            self.times = np.append(self.times[: count - 1], time)  # the law stopped it at a step's start: a row more
         if ended == LOST:
             self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
         if ended == LOST_CONTROL:
@@ -194,7 +194,7 @@ class MuJoCoRun:
             raise
         assert ended == NO_SOLUTION, ended
         blame_divergence(self._partial(seconds), *blame)
-        return self._finish(kept, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
+        return self._finish(count, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
 
     def _warm_up(self) -> None:
         """Compile what a run calls from Python, so that no clock counts it; the callback is installed already."""

@@ -14,7 +14,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES
 from tensegrity_mj.dynamics.native.slack import search_of
-from tensegrity_mj.engines import continuing
+from tensegrity_mj.engines.continuing import saved_state
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
@@ -158,7 +158,7 @@ class IntegratedRun:
             return self.steps - grid.first
 
         if drive(grid, self.request, f"{self.name} RK4", advance):
-            end = {} if self.options.locate_slack else {"end": continuing.kept(self.options, self.plant, y=self.y)}
+            end = {} if self.options.locate_slack else {"end": saved_state(self.options, self.plant, y=self.y)}
             self.plant["total"] -= 1
             self.steps, status, _ = rk4_steps(self.table, self.y, self.steps, 0)
         if status == SOLVED:
@@ -168,12 +168,12 @@ class IntegratedRun:
             run.provenance.update(end)
             return run
         time = self.steps * step
-        kept = np.concatenate([times[times < time - 0.5 * step], [time]])
+        recorded_times = np.concatenate([times[times < time - 0.5 * step], [time]])
         if status == SINGULAR:
             message = self.equations.explain_singular(time)
             kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
-            kernels.observe(self.y, self.table, rows[len(kept) - 1])
-            run = recorded(kept, Status.SINGULAR, message)
+            kernels.observe(self.y, self.table, rows[len(recorded_times) - 1])
+            run = recorded(recorded_times, Status.SINGULAR, message)
             check_energy(run, remedy)
             return run
         partial = recorded(before(time), Status.DIVERGED, "diverged")
@@ -183,4 +183,4 @@ class IntegratedRun:
             blame_divergence(partial, self.plant, time, remedy)
             raise
         blame_divergence(partial, self.plant, time, remedy)
-        return recorded(kept, Status.INFEASIBLE, self.plant.infeasible_message(time))
+        return recorded(recorded_times, Status.INFEASIBLE, self.plant.infeasible_message(time))

@@ -24,8 +24,8 @@ def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[f
 
     def add(time: float, window: float, is_sample: bool) -> None:
         # The very float of an output or a sample where they coincide, so that no sliver of a step lies between.
-        beside = int(np.searchsorted(times, time - window))
-        candidates = (float(times[min(beside, len(times) - 1)]), *(() if is_sample else jumps))
+        nearest = int(np.searchsorted(times, time - window))
+        candidates = (float(times[min(nearest, len(times) - 1)]), *(() if is_sample else jumps))
         at = next((other for other in candidates if abs(other - time) < window), time)
         jumps[at] = jumps.get(at, False) or is_sample
 

@@ -38,9 +38,9 @@ def pulls_within(
     times = np.linspace(start, end, LOOKS + 1)
     if _look(table, states(times), near, longest):
         return True
-    beside, unused = (end - start) / LOOKS, np.empty_like(longest)
+    spacing, unused = (end - start) / LOOKS, np.empty_like(longest)
     for t in times[np.unique(longest[near])]:
-        between = np.linspace(max(t - beside, start), min(t + beside, end), LOOKS + 1)
+        between = np.linspace(max(t - spacing, start), min(t + spacing, end), LOOKS + 1)
         if _look(table, states(between), near, unused):
             return True
     return False

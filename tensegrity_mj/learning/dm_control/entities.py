@@ -87,19 +87,19 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         return np.asarray((own - point_velocities(model, data, np.full(len(sites), body), points)) @ turn)
 
     def string_lengths(self, physics: Any) -> Array:
-        """‖s‖ (M,) [m]."""
+        """String lengths ‖s‖ (M,) [m]."""
         return np.array(physics.bind(self._tendons).length) if self._tendons else np.zeros(0)
 
     def rest_lengths(self, physics: Any) -> Array:
-        """L0 (M,) [m]."""
+        """Rest lengths L0 (M,) [m]."""
         return self._strings.rest_lengths(self._ctrl(physics), self.string_lengths(physics))
 
     def force_densities(self, physics: Any) -> Array:
-        """u (M,) [N/m]."""
+        """Force densities u (M,) [N/m]."""
         return self._strings.force_densities(self._ctrl(physics), self.string_lengths(physics), physics.time())
 
     def tensions(self, physics: Any) -> Array:
-        """T (M,) [N] at this state."""
+        """Tensions T (M,) [N] at this state."""
         rates = np.array(physics.bind(self._tendons).velocity) if self._tendons else np.zeros(0)
         return self._strings.tensions(self._ctrl(physics), self.string_lengths(physics), rates, physics.time())
 
@@ -151,7 +151,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
             physics.bind(self.actuators).ctrl = self._strings.designed(self.string_lengths(physics))
 
     def before_substep(self, physics: Any, random_state: Any = None) -> None:
-        """Once a physics step: forces on nodes, breaks, no damping in slack strings."""
+        """Renew, once a physics step, forces on nodes, breaks and damping of slack strings."""
         if self._strings.needs_limits:
             ctrl, lengths = self._ctrl(physics), self.string_lengths(physics)
             limits = self._strings.force_limits(ctrl, lengths, physics.time())

@@ -1,4 +1,4 @@
-"""`environment`: a scene as a dm_control Environment, with rest lengths or force densities as actions."""
+"""Scenes as dm_control Environments, by `environment`, with rest lengths or force densities as actions."""
 
 from __future__ import annotations
 

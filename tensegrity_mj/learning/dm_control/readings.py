@@ -63,17 +63,17 @@ class StringActuators:
         return np.clip(kept, rest - reach, rest + reach)
 
     def controls(self, command: Array) -> Array:
-        """ctrl of rest lengths [m], or of force densities [N/m]."""
+        """Controls of rest lengths [m], or of force densities [N/m]."""
         return command - self.designed_lengths if self.command is Command.REST_LENGTH else command
 
     def rest_lengths(self, ctrl: Array, lengths: Array) -> Array:
-        """L0 (M,) [m]."""
+        """Rest lengths L0 (M,) [m]."""
         if self.command is Command.REST_LENGTH:
             return np.asarray(self.designed_lengths + ctrl)
         return strings.rest_length(self.k, lengths, ctrl)
 
     def force_densities(self, ctrl: Array, lengths: Array, time: float) -> Array:
-        """u (M,) [N/m]: the elastic part of the tension over the length."""
+        """Force densities u (M,) [N/m]: the elastic part of the tension over the length."""
         u = ctrl if self.command is Command.FORCE_DENSITY else self.k * (1 - self.rest_lengths(ctrl, lengths) / lengths)
         return np.where(self.idle(ctrl, lengths, time), 0.0, u)
 
@@ -83,7 +83,7 @@ class StringActuators:
         return np.asarray(slack | (self._breaks <= time))
 
     def tensions(self, ctrl: Array, lengths: Array, rates: Array, time: float) -> Array:
-        """T (M,) [N], dampers included."""
+        """Tensions T (M,) [N], dampers included."""
         total = self.force_densities(ctrl, lengths, time) * lengths + self.c * rates
         total = np.where(self._clipped, np.maximum(0.0, total), total)
         return np.where(self.idle(ctrl, lengths, time), 0.0, total)
@@ -94,7 +94,7 @@ class StringActuators:
         return np.column_stack([np.where(idle, 0.0, -UNLIMITED), np.where(idle, 0.0, self._most)])
 
     def designed(self, lengths: Array) -> Array:
-        """ctrl (M,) of the structure as designed, at the given lengths."""
+        """Controls (M,) of the structure as designed, at the given lengths."""
         if self.command is Command.REST_LENGTH:
             return np.zeros(len(lengths))
         return strings.force_density(self.k, lengths, self.designed_lengths)
@@ -116,7 +116,7 @@ class HeldForces:
         return 3 * len(self.rows)
 
     def controls(self, time: float, timestep: float, middle: bool, nodes: Array, velocities: Array) -> Array:
-        """ctrl of the actuators [N] for the step that begins at a time [s], and at nodes (N, 3) [m] and [m/s].
+        """Controls of the actuators [N] for the step that begins at a time [s], and at nodes (N, 3) [m] and [m/s].
 
         Raises:
             OptionError: where the scene's load function fails or returns something else than finite (N, 3).

@@ -61,19 +61,19 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         return point_velocities(self.model.ptr, self.data.ptr, self._bodies, self.data.ptr.site_xpos[self._sites])
 
     def string_lengths(self) -> Array:
-        """‖s‖ (M,) [m]."""
+        """String lengths ‖s‖ (M,) [m]."""
         return np.array(self.data.ptr.ten_length)
 
     def rest_lengths(self) -> Array:
-        """L0 (M,) [m]."""
+        """Rest lengths L0 (M,) [m]."""
         return self.string_actuators.rest_lengths(self._ctrl(), self.string_lengths())
 
     def force_densities(self) -> Array:
-        """u (M,) [N/m]."""
+        """Force densities u (M,) [N/m]."""
         return self.string_actuators.force_densities(self._ctrl(), self.string_lengths(), self.time())
 
     def tensions(self) -> Array:
-        """T (M,) [N], at this very state (MuJoCo's actuator_force is that of the last stage)."""
+        """Tensions T (M,) [N] at this very state (MuJoCo's actuator_force is that of the last stage)."""
         rates = np.array(self.data.ptr.ten_velocity)
         return self.string_actuators.tensions(self._ctrl(), self.string_lengths(), rates, self.time())
 

@@ -54,7 +54,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         self._goal, self._before = self.task.draw_goal(self._generator), None
 
     def action_spec(self, physics: ScenePhysics) -> specs.BoundedArray:
-        """(M,), a number a string; its name lists the strings, with tabs between, as dm_control does."""
+        """Specification of actions (M,), one per string; its name lists the strings, separated by tabs."""
         return specs.BoundedArray((len(self.names),), np.float64, self.low, self.high, "\t".join(self.names))
 
     def before_step(self, action: Any, physics: ScenePhysics) -> None:

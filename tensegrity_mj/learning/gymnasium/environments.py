@@ -68,7 +68,7 @@ class TensegrityEnv(gymnasium.Env[Array32, Array32]):
         return seen[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), found
 
     def render(self) -> Any:
-        """(480, 640, 3) uint8 with "rgb_array"."""
+        """Picture (480, 640, 3) uint8 with "rgb_array"."""
         pictures = self._one.render()
         return None if pictures is None else pictures[0]
 
@@ -170,7 +170,7 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
         return observation, reward, diverged, truncated, info
 
     def render(self) -> Any:
-        """(480, 640, 3) uint8 of each robot with "rgb_array"."""
+        """Pictures (480, 640, 3) uint8 of each robot with "rgb_array"."""
         self._viewer = self._viewer or Viewer(self.world)
         if self.render_mode == "rgb_array":
             return tuple(self._viewer.pixels(number) for number in range(self.num_envs))
@@ -233,7 +233,7 @@ class Viewer:
         self._window: Any = None
 
     def pixels(self, number: int = 0) -> NDArray[np.uint8]:
-        """(480, 640, 3) of a robot."""
+        """Picture (480, 640, 3) of a robot."""
         if self._canvas is None:
             self._canvas = Canvas(self._model, 2 * SIZE[0], 2 * SIZE[1])
             self._scene = mujoco.MjvScene(self._model, GEOMS)

@@ -83,5 +83,5 @@ class StableBaselinesVecEnv(VecEnv):  # type: ignore[misc]
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """False: wrappers of single environments are not among these."""
+        """Return False: there are no wrappers of single environments."""
         return [False for _ in self._get_indices(indices)]

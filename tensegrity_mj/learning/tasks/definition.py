@@ -176,7 +176,7 @@ class Task:
         return self.middle(self.scene.nodes0) + np.array(self.goal.reach) * generator.uniform(-1, 1, 3)
 
     def middle(self, nodes: Array) -> Array:
-        """(..., 3) of the nodes (..., N, 3) that have the goal."""
+        """Middle (..., 3) of the nodes (..., N, 3) that have the goal."""
         assert self.goal is not None  # as the task's check has it
         index = self.scene.structure.node_index
         return np.asarray(nodes[..., [index[name] for name in self.goal.nodes], :].mean(axis=-2))
@@ -246,11 +246,11 @@ def substeps(period: float, timestep: float) -> int:
 
 
 def target_distance(task: Task, before: State, after: State) -> dict[str, Array]:
-    """Minus the mean distance [m] of the moving nodes from their targets."""
+    """Reward: minus the mean distance [m] of the moving nodes from their targets."""
     gaps = np.linalg.norm(after.nodes - task.targets(after), axis=2)
     return {"target": -gaps[:, task.moving].mean(axis=1)}
 
 
 def effort(before: State, after: State, price: float) -> Array:
-    """Minus `price` [1/J] times Σ T |ΔL0|: what the winches moved, against the tensions of before (n,)."""
+    """Reward (n,): minus `price` [1/J] times Σ T |ΔL0|, what the winches moved against the tensions of before."""
     return -price * np.sum(before.tensions * np.abs(after.rest_lengths - before.rest_lengths), axis=1)

@@ -50,7 +50,7 @@ def _rolled(task: Task, before: State, after: State) -> dict[str, Array]:
 
 
 def _reached(task: Task, before: State, after: State) -> dict[str, Array]:
-    """Minus the distance of the middle of its nodes from the goal [m], less what the winches spent."""
+    """Reward: minus the distance of the middle of its nodes from the goal [m], less what the winches spent."""
     distance = np.linalg.norm(task.middle(after.nodes) - after.goal, axis=1)
     return {"distance": -distance, "effort": effort(before, after, 1e-4)}
 
