@@ -1,4 +1,4 @@
-"""How far a structure is from equilibrium where it stands: one definition, for all that says so.
+"""Distance of a structure from equilibrium at its start: one definition, for all that report it.
 
 Of the forces on the nodes (strings, weights, a rod's half at either end, and all that acts there), axial forces of the
 rods and reactions of supports and holds take away as much as they can. What is left, r (N, 3), is the least there is in
@@ -27,7 +27,7 @@ BALANCED = 1e-9  # of the largest force in a member or load: less than that is l
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """What neither rods nor supports can balance.
+    """Forces on the nodes that neither rods nor supports can balance.
 
     Attributes:
         left: r (N, 3) [N].
@@ -45,7 +45,7 @@ class Balance:
         return float(np.linalg.norm(self.left, axis=1).max(initial=0.0))
 
     def describe(self) -> str:
-        """In words."""
+        """Return a description, as text."""
         size = f"{self.unbalanced:.5g} N"
         if self.is_equilibrium:
             return f"{size}, round-off: an equilibrium" if self.unbalanced > 0 else "none: an equilibrium"
@@ -53,7 +53,7 @@ class Balance:
 
 
 def balance(model: StaticModel) -> Balance:
-    """Of a model at its start, without what the parameter of a path multiplies."""
+    """Return the balance of a model at its start, without what the parameter of a path multiplies."""
     x, Z = model.start.ravel(), model.boundary.Z
     gradient = model.gradient(x, 0.0)
     forces = linear_systems.rod_forces(model, x, gradient)

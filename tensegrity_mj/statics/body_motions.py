@@ -37,7 +37,7 @@ def require_held(model: StaticModel, parameter: float) -> None:
 
 
 def _standing(model: StaticModel) -> str:
-    """How a floor is put in the place of the contact that statics leaves out: by the heights of the lowest nodes."""
+    """Explain how to replace the contact that statics leaves out by a floor: by the heights of the lowest nodes."""
     contact, names, nodes = model.scene.contact, model.structure.node_names, model.start
     if contact is None or contact.floor is None or contact.terrain is not None:
         return "; statics leaves the scene's contact out"
@@ -69,7 +69,7 @@ def neutral_motions(model: StaticModel, x: Array, parameter: float, rod_forces: 
     rows = [np.zeros((6, 6)), np.asarray(G @ bodies)]
 
     def by_turning(force: Array) -> Array:
-        """What turning does to forces (3N,), on the free coordinates (q, 6)."""
+        """Return the change of forces (3N,) when the whole turns, on the free coordinates (q, 6)."""
         change = np.asarray(Z.T @ turned(force.reshape(-1, 3)))
         return np.hstack([np.zeros_like(change), change])
 

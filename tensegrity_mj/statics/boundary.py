@@ -1,4 +1,4 @@
-"""What holds nodes in a study of statics: the structure's supports, and what the study holds besides.
+"""Boundary conditions of a study of statics: the structure's supports, and further holds of the study.
 
 All of it is linear in the node positions: G (x - x₀) = s d, with x (3N,) the nodes one after another, x₀ where they are
 at first, d what the holds move by, and s the parameter of a path.
@@ -82,7 +82,7 @@ class Boundary:
 
     @property
     def is_small(self) -> bool:
-        """Whether dense arrays are faster: a sparse matrix takes some tens of microseconds, whatever its size."""
+        """True where dense arrays are faster: a sparse matrix takes some tens of microseconds at any size."""
         return self.Z.shape[0] <= SMALL
 
     @cached_property
@@ -99,7 +99,7 @@ class Boundary:
 
     @classmethod
     def of(cls, structure: Structure, holds: Sequence[Hold] = ()) -> Boundary:
-        """Of the supports of a structure and further holds.
+        """Make the boundary from the supports of a structure and further holds.
 
         Raises:
             OptionError: for a node that there is not, or holds that contradict a support or each other.
@@ -179,5 +179,5 @@ def _solve(G: sparse.csr_array, values: Array) -> tuple[sparse.csr_array, Array]
 
 
 def _grouped(labels: IntArray, count: int) -> list[IntArray]:
-    """Which rows have each of the labels, from 0 on."""
+    """Return for each label, from 0 on, the rows that have it."""
     return np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels, minlength=count))[:-1])

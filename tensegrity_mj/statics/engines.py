@@ -48,7 +48,7 @@ UNSTABLE = 1e-6  # of the largest ∂a/∂δ
 
 @dataclass(frozen=True, eq=False)
 class EngineEquilibrium:
-    """Where an engine is at rest; N nodes.
+    """State in which an engine is at rest; N nodes.
 
     Attributes:
         scene: the one in question, starting there at rest.
@@ -213,7 +213,7 @@ SOFT = 1e-6  # of the largest ω²: those below are distinguished from central d
 
 @dataclass(frozen=True, eq=False)
 class EngineCheck:
-    """What an engine finds, beside statics.
+    """Comparison of an engine's equilibrium and frequencies with those of statics.
 
     Attributes:
         engine: one line.
@@ -237,7 +237,7 @@ class EngineCheck:
     warnings: tuple[str, ...]
 
     def describe(self) -> str:
-        """In words."""
+        """Return a description, as text."""
         place = (
             f"the same equilibrium to {self.distance:.2g} m"
             if self.same

@@ -59,7 +59,7 @@ class Problem:
     least_bar: Array
 
     def bar_mass(self, forces: Array) -> Array:
-        """What bars need under forces (..., R)."""
+        """Return the masses that bars need under forces (..., R)."""
         root = self.bar_buckling * np.sqrt(np.maximum(0.0, -forces))
         return np.maximum(self.bar_yield * np.abs(forces), root)
 
@@ -155,7 +155,7 @@ class Search:
         return Optimum(self.best, min([self.best.mass, self.closed_at, *(one[0] for one in todo[:1])]), self.programs)
 
     def is_closed(self, bound: float) -> bool:
-        """Whether nothing above this bound is better than the best by more than the tolerance."""
+        """Return whether no mass above this bound is better than the best by more than the tolerance."""
         return self.best is not None and bound >= self.best.mass * (1.0 - self.tolerance)
 
     def improve(self, point: Point) -> None:
@@ -174,7 +174,7 @@ class Search:
             point = found
 
     def keep(self, point: Point) -> bool:
-        """Whether it is better than the best, which it then becomes."""
+        """Make the point the best if it is lighter; return whether it is."""
         better = self.best is None or point.mass < self.best.mass * (1.0 - 1e-12)
         if better:
             self.best = point
@@ -198,7 +198,7 @@ class Search:
         return self.program(low, high, self.lines(low, high))
 
     def lines(self, low: Array, high: Array) -> Lines:
-        """The envelopes' lines besides those of yield, which always hold."""
+        """Lines of the envelopes, without those of yield, which always hold."""
         problem = self.problem
         start, end = np.maximum(low, 0.0), np.minimum(high, problem.switch)
         # A chord of the root, from `start` to where buckling stops to decide; that from 0 to P* is the line of yield.
@@ -231,7 +231,7 @@ class Search:
         return low, high
 
     def concave(self, low: Array, high: Array) -> Array:
-        """How much of the bounds lies where masses are concave, between 0 and P* (K, R)."""
+        """Return how much of the bounds lies where masses are concave, between 0 and P* (K, R)."""
         return np.asarray(np.maximum(0.0, np.minimum(high, self.problem.switch) - np.maximum(low, 0.0)))
 
     def program(self, low: Array, high: Array, lines: Lines, aim: Array | None = None) -> Point | None:

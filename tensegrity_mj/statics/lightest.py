@@ -5,7 +5,7 @@
     sized = minimal_mass(structure, loads, rods=STEEL, strings=STEEL, least_radius=1e-3).structure
 
 Rods are solid round bars that carry compression or tension; they yield, or buckle between two ball joints. Strings only
-pull, and yield. The forces are free as far as they balance the loads: what prestress is best comes out as well. This is
+pull, and yield. The forces are free as far as they balance the loads: the best prestress results as well. This is
 the problem of MOTES (Goyal, Chen, Majji and Skelton, 2019; Nagase and Skelton, 2014), solved to global optimality, see
 `least_mass`: every result comes with a lower bound, below which no choice of forces can come.
 
@@ -47,7 +47,7 @@ class MinimalMass:
         structure: its topology, nodes, supports and point masses count; masses, stiffnesses and rest lengths do not.
         loads: (N, 3) [N] forces on the nodes, or (K, N, 3) for K load cases; what holds a node takes those on it.
         rods, strings: the material of all of them, or one each.
-        holds: nodes that are held besides the supports; their displacements play no role.
+        holds: nodes that are held in addition to the supports; their displacements play no role.
         gravity: (3,) [m/s²]; without it nothing has weight.
         least_force_density: [N/m] of the strings, a number or (M,): prestress that they are to keep.
         least_radius: [m] of all members, a number, or (R + M,) rods first.
@@ -116,7 +116,7 @@ class MinimalMass:
 
     @cached_property
     def materials(self) -> tuple[tuple[Material, ...], tuple[Material, ...]]:
-        """Of each rod and of each string."""
+        """Materials of each rod and of each string."""
         R, M = len(self.structure.rods), len(self.structure.strings)
         return _materials("rods", self.rods, R), _materials("strings", self.strings, M)
 
@@ -272,14 +272,14 @@ def _polished(problem: Problem, found: Optimum) -> tuple[Array, Array, Array]:
 
 
 def _governs(masses: Array, needs: Array, least: Array, buckles: NDArray[np.bool_]) -> tuple[Governs, ...]:
-    """What decides each of the members of one kind, by what they need and their least masses."""
+    """Return what decides the size of each member of one kind, by the masses that they need and their least masses."""
     reasons = (Governs.YIELD, Governs.NOTHING, Governs.LEAST_RADIUS, Governs.BUCKLING)
     found = np.select([~(masses > 0), needs < least * (1 - 1e-9), buckles], [1, 2, 3], 0)
     return tuple(reasons[k] for k in found.tolist())
 
 
 def _left(matrix: Array, external: Array) -> float:
-    """What no forces in members balance, of either sign."""
+    """Return the norm of the loads that no member forces, of either sign, can balance."""
     if not matrix.size:
         return float(np.linalg.norm(external))
     return float(np.linalg.norm(matrix @ np.linalg.lstsq(matrix, -external, rcond=RANK)[0] + external))

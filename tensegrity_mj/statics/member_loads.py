@@ -1,4 +1,4 @@
-"""What the members of a structure bear, row by row: forces, limits and utilisations; `strength` has the formulas."""
+"""Forces, limits and utilisations of a structure's members, row by row; `strength` has the formulas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class Criterion(enum.Enum):
-    """What a member fails by."""
+    """Ways in which a member fails."""
 
     YIELD = "yield"
     BUCKLING = "buckling"
@@ -26,7 +26,7 @@ class Criterion(enum.Enum):
 
 @dataclass(frozen=True)
 class Use:
-    """How much of what it bears a member takes.
+    """Utilisation of one member: its force as a fraction of the force that it bears.
 
     Attributes:
         member: name of the rod or string.
@@ -47,7 +47,7 @@ class Use:
     chosen: bool = False
 
     def describe(self) -> str:
-        """In words."""
+        """Return a description, as text."""
         kind = "string" if self.criterion is Criterion.STRENGTH else "rod"
         chosen = ", but its force is a choice" if self.chosen else ""
         when = "" if self.time is None else f" at t = {self.time:.6g} s"
@@ -124,7 +124,7 @@ class MemberLoads:
 
     @cached_property
     def unchecked(self) -> tuple[str, ...]:
-        """What cannot be compared: "rod 'r1' (yield)", "string 's1' (strength)", "rod 'r2' (its force is a choice)"."""
+        """Members without a limit: "rod 'r1' (yield)", "string 's1' (strength)", "rod 'r2' (its force is a choice)"."""
         found = [f"rod '{name}' (its force is a choice)" for name in self.chosen]
         for column, rods in hardly_possible(self.structure).items():
             found += [f"rod '{rod.name}' (its {column} is hardly possible)" for rod, _ in rods]

@@ -1,4 +1,4 @@
-"""What statics computes with: the potential of strings, weights and loads over the positions of the nodes.
+"""Model of statics: the potential of strings, weights and loads over the positions of the nodes.
 
     Π(x) = Σ ½ k (L - L0)₊² + Σ ½ κ ‖e‖² + Σ E - Σ m g·x - Σ f·x        x (3N,): node positions, one after another
 
@@ -41,7 +41,7 @@ RANK = 1e-9  # of the largest singular value
 
 
 class Rods(enum.Enum):
-    """Whether rods without a stiffness of their own keep their lengths, or stretch by their sections' EA."""
+    """Treatment of rods without a stiffness of their own: they keep their lengths, or stretch by their sections' EA."""
 
     RIGID = "rigid"
     ELASTIC = "elastic"
@@ -164,7 +164,7 @@ class StaticModel:
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
-        """What else stores energy."""
+        """Elements of the scene that store energy."""
         return tuple(one for one in self.scene.elements if one.work is Work.STORED)
 
     def element_forces(self, x: Array) -> Array:
@@ -185,7 +185,7 @@ class StaticModel:
 
     @cached_property
     def has_redundant_rods(self) -> bool:
-        """Whether rigid rods have states of self-stress at the start; of more than `MOST_RODS` it is not looked at."""
+        """True where rigid rods have states of self-stress at the start; not checked for more than `MOST_RODS` rods."""
         rigid = np.flatnonzero(self.compliance == 0)
         if not 0 < len(rigid) <= MOST_RODS:
             return False
@@ -209,7 +209,7 @@ class StaticModel:
 
     @cached_property
     def stiffest(self) -> tuple[float, float]:
-        """What resists most: [N] a strain of 1 of an elastic rod and a bend of 1 rad of a joint; [N/m] any member."""
+        """Largest resistances: [N] to a strain of 1 of a rod and a bend of 1 rad of a joint; [N/m] of any member."""
         axial = 1.0 / self.compliance[self.compliance > 0]
         strained = float(np.max(self.rod_lengths[self.compliance > 0] * axial, initial=0.0))
         stiffness = max(float(np.max(k, initial=0.0)) for k in (self.curves.steepest, axial, self._element_diagonal))
@@ -323,7 +323,7 @@ class StaticModel:
         return K if self.bending_stiffness is None else sparse.csr_array(K + self.bending_stiffness)
 
     def dense_hessian(self, x: Array, rod_forces: Array) -> Array:
-        """The same as a dense array, sooner for few nodes."""
+        """Return the Hessian as a dense array; faster than the sparse one for few nodes."""
         n = len(x)
         values, (rows, columns) = self._hessian_entries(x, rod_forces)
         K: Array = np.bincount(rows * n + columns, values, n * n).astype(float).reshape(n, n)
@@ -332,7 +332,7 @@ class StaticModel:
         return K if self.bending_stiffness is None else K + self.bending_stiffness.toarray()
 
     def _hessian_entries(self, x: Array, rod_forces: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
-        """What strings and rods add up to, and where; without bending."""
+        """Return the sums of strings' and rods' entries of the Hessian, and their places; without bending."""
         paths, (parts, s) = self.structure.paths, self.segments(x)
         lengths = paths.total(parts)
         first, second = paths.couples.T
@@ -351,7 +351,7 @@ class StaticModel:
         return sparse.csr_array((values, (rows, columns)), shape=(len(self.rod_lengths), len(x)))
 
     def dense_rod_slopes(self, x: Array) -> Array:
-        """The same as a dense array."""
+        """Return the slopes of the rods' lengths as a dense array."""
         values, places = self._slope_entries(x)
         C = np.zeros((len(self.rod_lengths), len(x)))
         C[places] = values

@@ -99,7 +99,7 @@ class Modes:
         return self.participation**2
 
     def describe(self) -> list[str]:
-        """What there is to say, a sentence a line."""
+        """Return a description of the modes, a sentence a line."""
         lines = (
             [f"{counted(self.neutral.shape[1], 'motion')} of the whole that nothing resists, at 0 Hz"]
             if self.neutral.size
@@ -201,7 +201,7 @@ def _dense(state: StaticState, M: sparse.csr_array, wanted: int | None) -> tuple
 
 
 def _sparse(state: StaticState, M: sparse.csr_array, wanted: int) -> tuple[Array, Array, float, int]:
-    """The same by shift and invert, with rods' lengths and neutral motions as constraints."""
+    """Compute the modes by shift and invert, with rods' lengths and neutral motions as constraints."""
     at, Z, neutral = state.linearized, state.model.boundary.Z, state.neutral_motions
     K, rows = sparse.csr_array(at.stiffness), [sparse.csr_array(at.held_lengths)]
     mass = sparse.csr_array(Z.T @ M @ Z)

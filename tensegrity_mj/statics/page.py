@@ -270,7 +270,7 @@ def modes_figure(modes: Modes) -> Figure | None:
 
 
 def buckling_figure(response: Response) -> Figure | None:
-    """How the structure leaves its path at its critical points; None where there are none."""
+    """Plot the motions by which the structure leaves its path at its critical points; None where there are none."""
     found = response.path.criticals[:PANELS]
     if not found:
         return None
@@ -366,7 +366,7 @@ def _scale_bar(panel: Axes) -> None:
 
 
 def _along(response: Response, parameter: float, nodes: Array) -> float:
-    """Where between two points of the path a critical state lies, as a fraction of points."""
+    """Return where a critical state lies on the path: the number of the point before it, plus a fraction."""
     path = response.path
     flat = np.concatenate([path.nodes.reshape(len(path.states), -1), path.parameters[:, None]], axis=1)
     here = np.append(nodes.ravel(), parameter)

@@ -44,7 +44,7 @@ CORNER = 0.05  # of the first step: below it, a curve may turn a corner, where a
 
 
 class End(enum.Enum):
-    """Why a path ends."""
+    """Reasons for which a path ends."""
 
     REACHED = "reached the end"
     CRITICAL = "stability was lost"
@@ -76,7 +76,7 @@ class Path:
 
     @property
     def model(self) -> StaticModel:
-        """What was solved."""
+        """Model whose equilibria the path follows."""
         return self.states[0].model
 
     @cached_property
@@ -151,7 +151,7 @@ def follow(
         holds: boundary conditions, whose displacements s multiplies, counted from the start's nodes. They take the
             place of the model's holds, which by default stay: where they are, if `loads` are given to a state.
         to: last value of s.
-        points: the path has at most so many after its start, about evenly spaced by arc, and besides them the two on
+        points: the path has at most so many after its start, about evenly spaced by arc, and also the two on
             either side of where a string becomes slack or taut. Steps are at most so long; where the curve bends they
             are shorter, and their points are left out of the path again (critical states stay in `criticals`).
         longest: the path ends after so many times the arc of a straight one.

@@ -35,7 +35,7 @@ class Tangent(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Of the bordered equations."""
+    """Solution of the bordered equations."""
 
     step: Tangent
     pushed: float  # force by the parameter along the motions that were left out, as a part of all of it
@@ -62,7 +62,7 @@ class Point(NamedTuple):
 
     @property
     def unstable(self) -> int:
-        """How many independent motions are unstable at constant parameter."""
+        """Number of independent motions that are unstable at constant parameter."""
         return int(np.sum(self.values < -zero(self.state.model)))
 
     def value(self, which: int) -> float:
@@ -214,7 +214,7 @@ def bordered(
 
 
 def scaled(tangent: Tangent, move: float, span: float, sense: float) -> Tangent:
-    """The same direction, of arc one."""
+    """Return the tangent in the same direction, of arc one."""
     size = float(np.sqrt(tangent.x @ tangent.x / move**2 + (tangent.s / span) ** 2))
     return Tangent(sense * tangent.x / size, sense * tangent.s / size, sense * tangent.forces / size)
 
@@ -238,7 +238,7 @@ TOGETHER = 1e-6  # of it: critical points that are nearer count as one
 
 
 class Kind(enum.Enum):
-    """What happens where the stiffness stops being definite."""
+    """Kinds of points at which the stiffness stops being definite."""
 
     LIMIT = "limit point"  # the parameter turns back
     BIFURCATION = "bifurcation"  # another curve of equilibria crosses
@@ -282,12 +282,12 @@ class Crossing(NamedTuple):
 
 
 def hides(before: Point, after: Point) -> bool:
-    """Whether the parameter turns back between two points of the same stability."""
+    """Return whether the parameter turns back between two points of the same stability."""
     return before.tangent.s * after.tangent.s < 0 and (before.unstable - after.unstable) % 2 == 0
 
 
 def crossings(walk: Walk, before: Point, after: Point) -> list[Crossing]:
-    """Where between two points motions become unstable, or stable again."""
+    """Return the places between two points at which motions become unstable, or stable again."""
     fewer, more = sorted((before.unstable, after.unstable))
     if fewer == more:
         return []
@@ -313,7 +313,7 @@ def crossings(walk: Walk, before: Point, after: Point) -> list[Crossing]:
 
 
 def _enclosed(walk: Walk, seen: dict[float, Point], which: int) -> tuple[float, float, float]:
-    """Where an eigenvalue changes sign, and the arcs seen on both sides of it; points looked at are added."""
+    """Find where an eigenvalue changes sign, and the arcs seen on both sides of it; new points are added to `seen`."""
     before, after = seen[min(seen)], seen[max(seen)]
     # Where an end is as good as critical, and has no sign of its own, it counts as `unstable` says.
     shift = 0.0 if before.value(which) * after.value(which) < 0 else zero(walk.model)

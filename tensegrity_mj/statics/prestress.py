@@ -1,4 +1,4 @@
-"""What a structure at given nodes can carry by itself: self-stress, its signs, mechanisms, and what prestress holds.
+"""Prestress of a structure at given nodes: states of self-stress, their signs, mechanisms, and which of them it holds.
 
 B (M + R, q) says how the lengths of strings and rods change with the free coordinates of `Boundary`, all rods
 counted as members. Its singular values divide
@@ -47,7 +47,7 @@ CLEAR = 1e4  # between the smallest singular value that counts and the largest t
 
 @dataclass(frozen=True, eq=False)
 class Prestressability:
-    """What a structure can carry by itself; N nodes, M strings, R rods, q free coordinates, S states, m mechanisms.
+    """Self-stress and mechanisms; N nodes, M strings, R rods, q free coordinates, S states, m mechanisms.
 
     Attributes:
         structure, nodes: what was analysed; (N, 3) [m].
@@ -106,7 +106,7 @@ class Prestressability:
 
     @property
     def rank(self) -> int:
-        """Of B."""
+        """Rank of B."""
         return rank_of(self.singular_values)
 
     @property
@@ -119,18 +119,18 @@ class Prestressability:
 
     @property
     def rank_is_clear(self) -> bool:
-        """Whether the two are far apart, so that the numbers of states and mechanisms are beyond doubt."""
+        """True where the two are far apart, so that the numbers of states and mechanisms are beyond doubt."""
         least, most = self.gap
         return least == 0.0 or least > CLEAR * max(most, float(np.finfo(float).eps))
 
     @property
     def all_can_pull(self) -> bool:
-        """Whether one state has every string in tension."""
+        """True where one state has every string in tension."""
         return bool(np.all(self.can_pull)) and len(self.can_pull) > 0
 
     @property
     def is_rigid_to_first_order(self) -> bool:
-        """Whether every motion but those of the whole lengthens a string or changes a rod, to first order.
+        """True where every motion but those of the whole lengthens a string or changes a rod, to first order.
 
         That is: no mechanism, and a state with every string in tension (Roth and Whiteley 1981).
         """
@@ -142,7 +142,7 @@ class Prestressability:
         return np.asarray(self.self_stress / member_paths(self.structure).lengths(self.nodes))
 
     def describe(self) -> list[str]:
-        """What there is to say, a sentence a line."""
+        """Return a description of self-stress and mechanisms, a sentence a line."""
         strings = [string.name for string in self.structure.strings]
         rods = [rod.name for rod in self.structure.rods]
         least, most = self.gap
@@ -212,7 +212,7 @@ def prestressability(
     nodes: ArrayLike | None = None,
     holds: Sequence[Hold] = (),
 ) -> Prestressability:
-    """What a structure at given nodes can carry by itself, whatever its supports and joints.
+    """Analyse the self-stress and the mechanisms of a structure at given nodes, with any supports and joints.
 
     Args:
         source: a structure at its reference nodes; a scene at its start; a model at its start, with its holds and

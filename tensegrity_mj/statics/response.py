@@ -1,4 +1,4 @@
-"""What a path of equilibria says: curves of forces over displacements, and when strings become slack or taut."""
+"""Response along a path of equilibria: forces over displacements, and where strings become slack or taut."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Response:
 
     @classmethod
     def of(cls, path: Path) -> Response:
-        """Of a path."""
+        """Make the response from a path."""
         lengths = np.array([state.rod_lengths for state in path.states])
         loads = MemberLoads(
             path.model.structure,
@@ -88,7 +88,7 @@ class Response:
         return self.members.first_exceeded
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values, for JSON."""
         path, first = self.path, plain(self.first_violation)
         return {
             "end": path.end.value,

@@ -1,4 +1,4 @@
-"""What round-off leaves of forces that cancel."""
+"""Bounds of the round-off that is left where forces cancel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which members can be in tension or compression in a state of self-stress, by linear programs over the states.
+"""Members that can be in tension or compression in a state of self-stress, by linear programs over the states.
 
 States (S, M + R) [N] are orthonormal member forces in balance, M strings first; strings only pull.
 """
@@ -107,7 +107,7 @@ def linear_program(
 
 
 def solved_program(cost: Array, rows: Array, limits: Array, **options: Any) -> Any:
-    """The same; InfeasibleError where there is no solution."""
+    """Solve a linear program as `linear_program` does; raise InfeasibleError where there is no solution."""
     result = linear_program(cost, rows, limits, **options)
     if result.status != 0:
         raise InfeasibleError(f"a linear program over states of self-stress was not solved: {result.message}")
@@ -115,7 +115,7 @@ def solved_program(cost: Array, rows: Array, limits: Array, **options: Any) -> A
 
 
 def listed(names: Sequence[str], chosen: Flags, what: str) -> str:
-    """As "strings 's1', 's2', ... (40 in all)": the chosen ones, twelve at most; "" for none."""
+    """Return text such as "strings 's1', 's2', ... (40 in all)" of the chosen names, twelve at most; "" for none."""
     found = [name for name, one in zip(names, chosen, strict=True) if one]
     return f"{what}{'s' if len(found) > 1 else ''} {names_of(found)}" if found else ""
 

@@ -43,7 +43,7 @@ UHMWPE = Material(970.0, 120e9, 2.7e9)  # polyethylene of ultra high molecular w
 
 
 class Governs(enum.Enum):
-    """What decides how thick a member is."""
+    """Reasons that decide how thick a member is."""
 
     YIELD = "yield"
     BUCKLING = "buckling"
@@ -89,12 +89,12 @@ class Sizing:
 
     @property
     def gap(self) -> float:
-        """How far the mass is above the lower bound, as a part of it."""
+        """Distance of the mass from the lower bound, as a part of the mass."""
         return (self.mass - self.lower_bound) / self.mass if self.mass > 0 else 0.0
 
     @property
     def is_proven(self) -> bool:
-        """Whether the mass is the least there is, within the tolerance (and the round-off of linear programs)."""
+        """True where the mass is the least possible, within the tolerance (and the round-off of linear programs)."""
         return self.gap <= 1.001 * self.tolerance + 1e-9
 
     @property
@@ -148,7 +148,7 @@ class Sizing:
         )
 
     def describe(self) -> tuple[str, ...]:
-        """Lines for people."""
+        """Return a description, as lines of text."""
         proof = (
             f"the least there is, to {max(self.gap, 1e-9):.1g} of it"
             if self.is_proven
@@ -168,7 +168,7 @@ class Sizing:
         return tuple(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values, for JSON."""
         rods = {"mass": self.rod_masses, "radius": self.rod_radii, "forces": self.rod_forces.T}
         strings = {"mass": self.string_masses, "radius": self.string_radii, "tensions": self.tensions.T}
         return {

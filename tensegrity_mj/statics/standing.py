@@ -65,7 +65,7 @@ def margins(state: StaticState, base: Sequence[str]) -> Array:
 def tipping(scene: Scene, base: Sequence[str], edge: int, strings: Sequence[str] | None = None) -> Tipping | None:
     """The string that has to be shortened least so that the scene tips over an edge of its base, or None.
 
-    Each string alone is shortened down to .3 of its rest length; at the point of tipping the others' margins are
+    Each string alone is shortened down to 0.3 of its rest length; at the point of tipping the others' margins are
     positive.
 
     Args:
@@ -102,7 +102,7 @@ def _by_effect(scene: Scene, base: Sequence[str], edge: int, strings: Sequence[i
 def _tipped(
     scene: Scene, base: Sequence[str], edge: int, string: int, at_rest: StaticState, least: float
 ) -> Tipping | None:
-    """Where the centre of mass is above the edge: a root in the first interval that has one; none below `least`."""
+    """Find where the centre of mass is above the edge: a root in the first interval with one; None below `least`."""
     from scipy.optimize import brentq
 
     before, high = at_rest, 1.0

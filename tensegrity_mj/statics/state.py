@@ -46,7 +46,7 @@ class Determinacy:
     is_clear: bool = True
 
     def describe(self) -> str:
-        """What is to be said beside the forces, or ""."""
+        """Return a remark on the forces that are a choice, or ""."""
         if self.states is None:
             return f"not looked at whether forces are determined: more than {MOST_RODS} rigid rods; {REMEDY}"
         if not self.is_clear:
@@ -62,7 +62,7 @@ class Determinacy:
 
 
 def determinacy(model: StaticModel, x: Array) -> Determinacy:
-    """Of rigid rods at x (3N,); those of elastic ones are determined by their lengths."""
+    """Find which forces of rigid rods at x (3N,) are a choice; lengths determine those of elastic rods."""
     rigid = int(np.sum(model.compliance == 0))
     if not rigid:
         return Determinacy()
@@ -146,7 +146,7 @@ class StaticState:
 
     @cached_property
     def determinacy(self) -> Determinacy:
-        """Which forces of rods, and which reactions, equilibrium determines, and which are a choice."""
+        """Forces of rods and reactions that equilibrium does not determine, so that they are a choice."""
         return determinacy(self.model, self.x)
 
     @property
@@ -197,7 +197,7 @@ class StaticState:
 
     @property
     def is_stable(self) -> bool:
-        """Whether every motion but neutral ones is resisted, beyond round-off."""
+        """True where every motion but neutral ones is resisted, beyond round-off."""
         return self.lowest_stiffness > 1e-12 * self.model.scale[1]
 
     def softest(self, count: int = 6) -> tuple[Array, Array]:
@@ -252,7 +252,7 @@ def standalone_scene(state: StaticState) -> Scene:
             structure=replace(scene.structure, strings=kept),
             breaks=tuple(event for event in scene.breaks if event.string not in gone),
         )
-    # Besides weights and the scene's own loads: the state of a path that began under loads has some.
+    # In addition to weights and the scene's own loads: the state of a path that began under loads has some.
     further = state.parameter * model.loads + (model.forces - weights_and_loads(state.model.scene, model.start))
     return _loaded(scene, further) if np.any(further) else scene
 

@@ -1,4 +1,4 @@
-"""Which prestress stiffens mechanisms most, and what follows: whether a structure is prestress stable or super stable.
+"""Prestress that stiffens mechanisms most, and whether it makes a structure prestress stable or super stable.
 
 The lowest eigenvalue of a form that is linear in the state of self-stress is concave over the states: cutting planes
 bound it from above, each state found from below.
@@ -107,7 +107,7 @@ def member_paths(structure: Structure) -> Paths:
 
 
 def rank_of(values: Array) -> int:
-    """How many singular values count."""
+    """Return the number of singular values that count."""
     return int(np.sum(values > RANK * values.max(initial=0.0))) if values.size else 0
 
 
@@ -177,7 +177,7 @@ def _middle(states: Array, pulling: Flags) -> Array:
 
 
 def _blended(at: Assembly, best: Array, middle: Array, loose: Array, value: float) -> Array:
-    """As much of the middle as leaves half of the stiffness, so that no string is slack that need not be."""
+    """Add as much of the middle as leaves half of the stiffness, so that no string is slack that need not be."""
     if value <= 0:
         return best
     part = 1.0
@@ -190,7 +190,7 @@ def _blended(at: Assembly, best: Array, middle: Array, loose: Array, value: floa
 
 
 def judged(at: Assembly, own: Array, stiffness: Array) -> tuple[Verdict, str]:
-    """Whether a state's own forces hold its mechanisms."""
+    """Judge whether a state's own forces hold its mechanisms."""
     if not len(stiffness):
         return Verdict.YES, "taut strings and rods leave no mechanism"
     scale = float(np.abs(own).max(initial=0.0)) / float(at.members.lengths.mean())

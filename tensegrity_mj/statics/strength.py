@@ -1,4 +1,4 @@
-"""Whether members bear their forces: rods that yield or buckle, strings that break or hang slack.
+"""Strength of members: rods that yield or buckle, strings that break or hang slack.
 
     rod:     |N| ≤ σ_y A                   it yields beyond, in tension and in compression
              -N ≤ π² E I / ℓ²              it buckles beyond, as a straight bar between two ball joints (Euler)
@@ -41,7 +41,7 @@ SHOWN = 12  # names that a line of text lists
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What the members of a structure bear.
+    """Forces, limits and utilisations of a structure's members.
 
     Attributes:
         loads: forces, limits and utilisations of all members, a row a time.
@@ -54,12 +54,12 @@ class Check:
 
     @cached_property
     def violations(self) -> tuple[Use, ...]:
-        """Those of `uses` beyond 1."""
+        """Uses beyond their limits: those of `uses` with a utilisation above 1."""
         return tuple(use for use in self.uses if use.utilisation > 1)
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """Which members have no limit, by which criterion."""
+        """Members without a limit, and the criterion that lacks it."""
         return self.loads.unchecked
 
     @property
@@ -69,7 +69,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether every member was checked, and none is beyond its limit. Slack strings are no violation."""
+        """True where every member was checked, and none is beyond its limit. Slack strings are no violation."""
         return not self.violations and not self.unchecked
 
     @property
@@ -100,7 +100,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class MemberCheck(Check):
-    """What the members of a structure bear in one state; arrays of `loads` have one row.
+    """Check of the members of a structure in one state; arrays of `loads` have one row.
 
     Attributes:
         ...: those of `Check`.
@@ -110,7 +110,7 @@ class MemberCheck(Check):
     slack: tuple[str, ...]
 
     def describe(self) -> tuple[str, ...]:
-        """Lines for people."""
+        """Return a description, as lines of text."""
         return (
             *self._verdict(),
             *(one.describe() for one in self.violations[1:SHOWN]),
@@ -118,7 +118,7 @@ class MemberCheck(Check):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values; numbers that are not known are None."""
+        """Return plain values, for JSON; numbers that are not known are None."""
         loads = self.loads
         rods = {
             "force": loads.rod_forces[0],
@@ -141,7 +141,7 @@ class MemberCheck(Check):
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryCheck(Check):
-    """What the members of a structure bear over a run, at its recorded times.
+    """Check of the members of a structure over a run, at its recorded times.
 
     Attributes:
         ...: those of `Check`.
@@ -153,7 +153,7 @@ class TrajectoryCheck(Check):
     slack: tuple[SlackInterval, ...]
 
     def describe(self) -> tuple[str, ...]:
-        """Lines for people."""
+        """Return a description, as lines of text."""
         lines = self._verdict()
         if self.first_violation is not None:
             lines.append(f"the first beyond its limit: {self.first_violation.describe()}")
@@ -168,7 +168,7 @@ class TrajectoryCheck(Check):
         return tuple(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values, for JSON."""
         return {**self._summary(), **plain_values(self, "first_violation", "slack", "unchecked", "uses")}
 
 
@@ -181,7 +181,7 @@ def check_members(
     slack_below: float = 0.0,
     chosen: tuple[str, ...] = (),
 ) -> MemberCheck:
-    """What the members bear.
+    """Check the members against their limits: yield and buckling of rods, strength of strings.
 
     Args:
         structure: with the `section`s of its rods and the `strength`s of its strings, as far as they are known.
@@ -209,13 +209,13 @@ def check_members(
 
 
 def check_state(state: StaticState, *, slack_below: float = 0.0) -> MemberCheck:
-    """What the members bear in a state of equilibrium; see `check_members`."""
+    """Check the members in a state of equilibrium; see `check_members`."""
     where = (state.model.structure, state.nodes, state.rod_forces, state.tensions)
     return check_members(*where, slack_below=slack_below, chosen=state.determinacy.chosen)
 
 
 def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> TrajectoryCheck:
-    """What the members bear over a run, at its recorded times; what happens between them is not seen.
+    """Check the members over a run, at its recorded times; peaks between them are not seen.
 
     N is the recorded force density of a rod times its length, and T the recorded tension, damping included. A diverged
     run is checked up to its first sample that is not finite.

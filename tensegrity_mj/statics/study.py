@@ -46,7 +46,7 @@ DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
 
 
 class Search(enum.Enum):
-    """How an equilibrium is found."""
+    """Methods of finding an equilibrium."""
 
     NEWTON = "newton"
     RELAXATION = "relaxation"  # dynamic, with kinetic damping
@@ -55,7 +55,7 @@ class Search(enum.Enum):
 
 @dataclass(frozen=True)
 class Materials:
-    """What the lightest members are made of, and their least radius [m]."""
+    """Materials of the lightest members, and their least radius [m]."""
 
     rods: Material
     strings: Material
@@ -64,7 +64,7 @@ class Materials:
 
 @dataclass(frozen=True, eq=False)
 class StaticStudy:
-    """What statics says of a scene.
+    """Results of statics for a scene.
 
     Attributes:
         model: the problem, with further loads at their full size.
@@ -123,11 +123,11 @@ class StaticStudy:
 
     @property
     def judgement(self) -> Judgement:
-        """The verdict, and all that there is to say, a line each: the source of text, page and JSON."""
+        """The verdict and the findings, a line each: the source of text, page and JSON."""
         return Judgement(words.verdict(self), words.findings(self))
 
     def describe(self) -> list[tuple[str, str]]:
-        """Names and what there is to say, a line each."""
+        """Return the findings as names and texts, a line each."""
         return [(one.name, one.text) for one in self.judgement.findings]
 
     def to_dict(self) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def analyse(
     run: Trajectory | None = None,
     progress: bool = False,
 ) -> StaticStudy:
-    """Find the equilibrium of a scene and say what there is to say about it.
+    """Find the equilibrium of a scene and analyse it: stability, modes, members, prestress.
 
     Args:
         scene: a scene or a structure.
@@ -259,7 +259,7 @@ def analyse(
 
 
 def _prestressability(state: StaticState) -> Prestressability | None:
-    """Of the state's own forces; where nothing is under any, of what could be prestressed there."""
+    """Analyse the prestress by the state's own forces; without any, by what could be prestressed there."""
     if state.model.structure.bodies:
         return None
     if np.any(state.settled(state.tensions)) or np.any(state.settled(state.rod_forces)):

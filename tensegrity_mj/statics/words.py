@@ -248,7 +248,7 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
 
 
 def by_member(members: Sequence[Rod] | Sequence[String], columns: Mapping[str, Iterable[Any]]) -> Any:
-    """Of every member, what columns have of it by name, as plain values; None for numbers that are not finite."""
+    """Return each member's entries of the columns, by name, as plain values; None for numbers that are not finite."""
     return {
         member.name: {key: _known(plain(x)) for key, x in zip(columns, row, strict=True)}
         for member, *row in zip(members, *columns.values(), strict=True)
@@ -307,7 +307,7 @@ def _frequencies(modes: Modes) -> list[str]:
 
 
 def _moved(study: StaticStudy, state: StaticState) -> str:
-    """How far, and the node that moved most."""
+    """Return how far the nodes moved, and which moved most."""
     if study.moved <= 1e-12 * state.model.scale[0]:
         return "none: the scene already starts in equilibrium"
     node = int(np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1).argmax())
