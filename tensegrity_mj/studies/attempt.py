@@ -1,4 +1,4 @@
-"""One point, computed where the work is done: in a worker process, on a cluster, or here. Whatever fails is data."""
+"""One point, computed where the work is done: in a worker process, on a cluster, or here. A failure is data, too."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TURN = threading.Lock()
 
 @dataclass(frozen=True)
 class WithFiles:
-    """What a task returns that leaves files too: plain values, and the content of each file by its name.
+    """Result of a task that leaves files too: plain values, and the content of each file by its name.
 
     The process that runs the study writes the files, so that workers need not share a file system with it.
     """
@@ -81,7 +81,7 @@ def unable(task: Task, error: BaseException) -> OptionError:
 
 
 def settle(parent: int, *place: str) -> None:
-    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, whatever ended it.
+    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, for any reason.
 
     `place`, the parent's folder and where it looks for modules, is for joblib alone: it gives work to workers that wait
     for more where they have begun with the same arguments, and has new ones begin in the new place otherwise.

@@ -1,4 +1,4 @@
-"""What a sweep goes through: values of parameters, several together, and seeded random draws."""
+"""Axes of a sweep: values of parameters, several together, and seeded random draws."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class _Cluster:
             raise _lost(f"its connection is {self.client.status}")
         try:
             workers = self.client.nthreads(callback_timeout=ANSWER_TIMEOUT)
-        except Exception as error:  # whatever a connection that breaks makes of it
+        except Exception as error:  # any error that a broken connection raises
             raise _lost(f"{type(error).__name__}: {error}") from error
         if workers:
             self.threads, self.seen = max(1, sum(workers.values())), time.monotonic()

@@ -15,7 +15,7 @@ from tensegrity_mj.model.text.reading import scene_from_toml
 
 
 def elements_of(scene: Scene) -> dict[str, Any]:
-    """Where a process of a study finds the classes of a scene's elements that a call has registered in this one."""
+    """Return where a process of a study finds the classes of a scene's elements that a call has registered here."""
     kinds = {kind_of(type(element)): type(element) for element in scene.elements}
     places = {kind: f"{cls.__module__}:{cls.__qualname__}" for kind, cls in kinds.items() if kind}
     return {"elements": places} if places else {}

@@ -65,14 +65,14 @@ class Study:
         return [outcome["values"] if outcome["status"] == DONE else lost(outcome) for outcome in self.outcomes]
 
     def file(self, number: int, name: str) -> Path | None:
-        """Where the file that the task left for a point is; None if it left none of that name."""
+        """Return the path of a file that the task left for a point; None if it left none of that name."""
         if self.folder is None:
             return None
         path = self.folder / store.FILES / _file_name(self.points.index(self.points[number]), name)
         return path if path.is_file() else None
 
     def to_dict(self) -> dict[str, Any]:
-        """What result.json holds. Tracebacks stay in points.jsonl."""
+        """Return the content of result.json. Tracebacks stay in points.jsonl."""
         outcomes = [{key: item for key, item in outcome.items() if key != "traceback"} for outcome in self.outcomes]
         return {
             "format": store.FORMAT,
@@ -107,15 +107,15 @@ def run_many(
 ) -> Study:
     """Compute a function at many points; in a folder, go on where an earlier call stopped.
 
-    What is finished is on disk at once, so that nothing finished is lost or computed again, whatever ended the earlier
-    call. The result depends neither on interruptions nor on the workers. Equal points are computed once.
+    What is finished is on disk at once, so that nothing finished is lost or computed again, however the earlier call
+    ended. The result depends neither on interruptions nor on the workers. Equal points are computed once.
 
     Args:
         task: a function of a module (workers import it): a dict of plain values in, one out, or `WithFiles`. What it
             raises becomes the outcome of its point.
         points: dicts of plain values (see `plain`), one a call of the task.
         folder: made where it is absent; None keeps everything in memory.
-        common: values that every point has besides its own; the task gets both in one dict.
+        common: values that every point has in addition to its own; the task gets both in one dict.
         identity: values that the task does not get, but that make a study another one when they differ: versions,
             for example.
         workers: who computes; all cores of this machine by default.

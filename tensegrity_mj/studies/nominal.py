@@ -65,7 +65,7 @@ class NominalWinches:
         return self.plant.stiffness / self.nominal.stiffness
 
     def native(self, structure: Structure) -> NativeLaw:
-        """The same, compiled."""
+        """Return the compiled law, with the same conversion of its force densities."""
         inner = native_law(self.law, self.nominal)
         packed = _pack_winches(law=inner.address, context=inner.context, ratio=self._ratio)
         return wrapped(inner, _nominal, packed)

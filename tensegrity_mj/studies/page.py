@@ -90,7 +90,7 @@ def judgement_of(sweep: Sweep, study: Study, measures: Sequence[str] = USUAL) ->
 
 
 def _verdict(name: str, rows: Sequence[Row]) -> str:
-    """How the points ended."""
+    """Return a sentence on how the points ended."""
     ended = counts(rows)
     done = ended.get("completed", 0)
     if done == len(rows):
@@ -100,7 +100,7 @@ def _verdict(name: str, rows: Sequence[Row]) -> str:
 
 
 def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:
-    """How points ended, and the range of each measure with where its ends are."""
+    """Yield findings on how points ended, and on the range of each measure with the points at its ends."""
     done = counts(rows).get("completed", 0)
     if done < len(rows):
         reason = next((row.reason for row in rows if row.reason), "")

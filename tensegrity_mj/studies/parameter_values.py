@@ -35,7 +35,7 @@ class Scaled:
         return f"*{self.factor!r}"
 
     def of(self, now: float) -> float:
-        """What becomes of a value."""
+        """Return a value, scaled."""
         return now * self.factor
 
 
@@ -109,7 +109,7 @@ def no_more(which: str | None, others: Sequence[str], path: str) -> None:
 
 
 def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float] | None) -> Vector:
-    """What a vector (3,) becomes: all of it, or the component `axis`, set to the value or scaled by it.
+    """Return a vector (3,) with all of it, or the component `axis`, set to the value or scaled by it.
 
     Other rows of numbers keep how many they have.
 
@@ -133,7 +133,7 @@ def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float] | 
 
 
 def number_from(path: str, value: Any, now: Any) -> float:
-    """What a number becomes that is `now`: the value, or scaled by it.
+    """Return the value, or the present number `now` scaled by it.
 
     Raises:
         OptionError: where that is no finite number.
@@ -142,7 +142,7 @@ def number_from(path: str, value: Any, now: Any) -> float:
 
 
 def scaled(path: str, scale: Scaled, now: Any) -> float:
-    """What a parameter becomes that is `now`; OptionError where that is no finite number."""
+    """Return the parameter's present value `now`, scaled; raise OptionError where that is no finite number."""
     if not isinstance(now, (int, float)) or isinstance(now, bool) or not math.isfinite(now):
         what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
         raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
@@ -200,7 +200,7 @@ def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) ->
 
 
 def single(kind: Kind, path: str, value: Any, now: Any) -> Any:
-    """What a number, a truth value or a member of an enum becomes."""
+    """Return the new value of a number, a truth value or a member of an enum."""
     if isinstance(value, Scaled):
         return scaled(path, value, now)
     if isinstance(kind.load, type) and issubclass(kind.load, enum.Enum):
@@ -222,7 +222,7 @@ def _chosen(items: Sequence[Any], which: str | None, path: str, name: str) -> se
 
 
 def _words(item: Any, place: int) -> list[str]:
-    """What an item may be called by: its name, where it has one; or else its kind, and its place."""
+    """Return the names by which an item may be called: its name, where it has one; or else its kind, and its place."""
     title = item_of(type(item)).title if is_dataclass(item) else ""
     kind = kind_of(type(item))
     return [str(getattr(item, title))] if title else [*([kind] if kind else []), str(place)]

@@ -142,10 +142,10 @@ def _root(path: str) -> str:
 
 
 def _rank(path: str) -> tuple[Any, ...]:
-    """When a parameter is set: what holds for much before what holds for less, else it would be lost.
+    """Return the rank by which parameters are set: general ones before special ones, which would be lost otherwise.
 
     `engine` before `engine.rtol`, `rods.mass` before `rods[a,b].mass` before `rods[a].mass`, `gravity` before
-    `gravity.z`; the path at last, so that equal settings give equal experiments, in whatever order they are given.
+    `gravity.z`; the path at last, so that equal settings give equal experiments, in any order.
     """
     plain = re.sub(r"\[.*\]", "", path)
     # Wind after all that it could act on, without which it is refused.

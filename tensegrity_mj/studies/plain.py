@@ -1,4 +1,4 @@
-"""Plain values: what points, outcomes and files of a study hold, in one form whatever they came from."""
+"""Plain values: what points, outcomes and files of a study hold, in one form, independent of their origin."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def _check(value: Any, what: str) -> None:
 
 
 def value_at(values: Any, keys: Sequence[str]) -> Any:
-    """What stands among values at the end of these keys; None where one of them is not there."""
+    """Return the value at the end of these keys among nested values; None where one of the keys is missing."""
     for key in keys:
         values = None if values is None else values.get(key)
     return values
 
 
 def canonical(value: Any) -> str:
-    """One JSON text for one plain value, whatever the order of its keys."""
+    """Return the same JSON text for equal plain values, in any order of their keys."""
     return json.dumps(json.loads(to_exact_json(value)), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -65,7 +65,7 @@ def digest(value: Any) -> str:
 
 
 def difference(ours: Any, theirs: Any, where: str = "") -> str | None:
-    """Where two plain values first differ, and how; None if they are equal."""
+    """Return where and how two plain values first differ; None if they are equal."""
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for key in [*ours, *(key for key in theirs if key not in ours)]:
             place = f"{where}.{key}" if where else key

@@ -177,7 +177,7 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
 
 
 def _now(structure: Any, member: Any, name: str, number: int) -> Any:
-    """What a number of a member is now; of strings, what follows from how they are given."""
+    """Return the present value of a member's number; of strings, as it follows from how they are given."""
     if name not in REST:
         return getattr(member, "stiffness" if name == "curve" else name)
     length, rest = structure.string_lengths(structure.positions)[number], structure.rest_lengths[number]
@@ -210,7 +210,7 @@ def _with_row(nodes: Any, number: int, row: Vector) -> Any:
 
 
 def _with_resistance(scene: Scene, others: Sequence[str], path: str, value: Any) -> Scene:
-    """What a scene has no resistance of begins with the defaults; what resists nothing is None."""
+    """Change a scene's resistance: missing values begin with the defaults; one that resists nothing becomes None."""
     new = changed(scene.resistance or Resistance(), others, path, "resistance", value)
     if others[0] == "viscous" and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
         new = replace(new, wind=Resistance.wind)
@@ -239,7 +239,7 @@ def _node(scene: Scene, which: str | None, path: str) -> int:
 
 
 def _members(structure: Any, kind: str) -> Any:
-    """Those of a kind as they were given, strings with mass among them."""
+    """Return the members of a kind as they were given, strings with mass among them."""
     return getattr(structure.given, kind, getattr(structure, kind))
 
 

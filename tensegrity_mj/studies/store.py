@@ -67,7 +67,7 @@ class Store:
         return self.outcomes[key]
 
     def stopped(self, finished: str) -> str:
-        """How many points are kept when the study is stopped, for {} in what is `finished`, and how to go on."""
+        """Say how many points are kept when the study is stopped, for {} in what is `finished`, and how to go on."""
         if self.folder is None or self._file is None:
             if not self.outcomes:
                 return "nothing is kept: give a folder to go on from there another time"

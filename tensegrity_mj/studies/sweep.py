@@ -46,7 +46,7 @@ TRAJECTORY = "trajectory.nc"
 class Sweep:
     """Simulations of a scene, one for every combination of values and every draw.
 
-    Sample j of a seed is the same at every combination, and whatever the number of samples: combinations are compared
+    Sample j of a seed is the same at every combination, and for any number of samples: combinations are compared
     under equal conditions, and a larger study contains the smaller one.
 
     Attributes:
@@ -122,7 +122,7 @@ class Sweep:
         return {draw.parameter: draw.sample(generator) for draw in self.draws}
 
     def common(self) -> dict[str, Any]:
-        """What all points share, as plain values: everything that the task needs besides their parameters."""
+        """Return as plain values what all points share: everything that the task needs except their parameters."""
         engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
         return {
             **({"family": self.family} if self.family else {}),

@@ -1,4 +1,4 @@
-"""What a sweep keeps of each run, plain numbers and texts with units and meanings; and its outcome as rows of them."""
+"""Measures that a sweep keeps of each run, with units and meanings, and the outcome of a sweep as rows of them."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ USUAL = ("final_error", "max_force_density", "min_margin", "energy_residual")
 
 
 def _at(part: str, *keys: str) -> Callable[[Trajectory], Any]:
-    """What stands at the end of these keys in a run's reports, or its cost."""
+    """Make a function that returns the value at the end of these keys in a run's reports, or in its cost."""
     return lambda run: value_at(getattr(run, part), keys)
 
 
@@ -149,7 +149,7 @@ def rows_of(study: Study) -> list[Row]:
 
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
-    """How many points ended how, those that there are."""
+    """Count the points by how they ended, without ends that no point has."""
     order = (Status.COMPLETED.value, DOUBTFUL, *(status.value for status in Status), "failed")
     order = tuple(dict.fromkeys(order))
     return {status: count for status in order if (count := sum(row.status == status for row in rows))}
@@ -175,7 +175,7 @@ def as_number(value: Any) -> float | None:
 
 
 def shown(value: Any) -> str:
-    """A value for people."""
+    """Return a value as text."""
     if isinstance(value, str) and value.startswith("*"):
         return f"×{as_number(value):.6g}"
     if isinstance(value, float):
@@ -184,11 +184,11 @@ def shown(value: Any) -> str:
 
 
 def parameter_label(path: str) -> str:
-    """A path for people: what is clear without it is left out."""
+    """Return a path as text, without its `structure.`."""
     return path.removeprefix("structure.")
 
 
 def measure_label(name: str) -> str:
-    """A measure for people, with its unit."""
+    """Return a measure's name as text, with its unit."""
     unit = MEASURES[name].unit
     return name.replace("_", " ") + (f" ({unit})" if unit == LAW else f" [{unit}]" if unit else "")

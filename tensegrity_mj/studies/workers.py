@@ -1,4 +1,4 @@
-"""Who computes the points of a study: processes of this machine, a Dask cluster, or this process. By joblib."""
+"""Workers that compute the points of a study: local processes, a Dask cluster, or this process. By joblib."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FEEDER_WAIT = 1.0  # s
 
 
 class Backend(enum.Enum):
-    """Where points are computed."""
+    """Places where points are computed."""
 
     PROCESSES = "processes"  # worker processes of this machine
     CLUSTER = "cluster"  # a Dask cluster; its workers need this package, and one thread each
@@ -34,7 +34,7 @@ class Backend(enum.Enum):
 
 @value("workers", OptionError)
 class Workers:
-    """Who computes the points; results do not depend on it.
+    """Workers that compute the points; results do not depend on them.
 
     Attributes:
         count: how many points at a time, >= 1; by default all cores, or all threads of the cluster's workers.
@@ -59,7 +59,7 @@ class Workers:
 
     @contextlib.contextmanager
     def ready(self, task: Task) -> Iterator[Compute]:
-        """What computes points of a task, for the length of a block.
+        """Provide the function that computes points of a task, for the length of a block.
 
         Raises:
             MissingLibraryError: if Dask is wanted and missing.
@@ -166,7 +166,7 @@ def _run(
 
 
 def workers_for(law: Spec | None, workers: Workers | None) -> Workers:
-    """Those that can have a law, given by its spec: this process alone, for one that no other can make.
+    """Return workers that can have a law, given by its spec: this process alone, for one that no other can make.
 
     Raises:
         OptionError: if the given ones cannot.

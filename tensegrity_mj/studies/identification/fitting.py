@@ -30,7 +30,7 @@ MOST_RUNS = 200
 
 @value("FitOptions", OptionError)
 class FitOptions:
-    """How a fit is made.
+    """Options of a fit.
 
     Attributes:
         level: of the intervals' confidence.
@@ -97,7 +97,7 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
             warn_caller(words, IdentificationWarning)
         if not problem.observation.known and len(slopes) <= len(free):
             raise OptionError(
-                f"measurements: {len(slopes)} numbers do not determine {len(free)} parameters and the noise beside; "
+                f"measurements: {len(slopes)} numbers do not determine {len(free)} parameters and the noise as well; "
                 "give more, or the noise, as measured(..., nodes=1e-3)"
             )
 
@@ -142,7 +142,7 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
 def _known(
     problem: Problem, jacobian: Array, residuals: Array, inner: IntArray, level: float
 ) -> tuple[Data, Array, Array]:
-    """How well the parameters `inner` are known; deviations and half intervals of all (P,), NaN of the others.
+    """Return how well the parameters `inner` are known: data, deviations and half intervals (P,), NaN of the others.
 
     With noise that is given the covariance is (Jᵀ J)⁻¹ and intervals are normal. Else it is times the variance of the
     noise, estimated as χ² / (n + K - P), and intervals are Student's t of that many degrees of freedom.
@@ -170,7 +170,7 @@ def _known(
 
 
 def _series(observed: Observation, residuals: Array) -> Data:
-    """What was measured and what the fit has, series by series, and whether the residuals are white."""
+    """Return the measured and the fitted values, series by series, and whether the residuals are white."""
     series, off = [], []
     for number, (label, unit) in enumerate(zip(observed.labels, observed.units, strict=True)):
         own = np.flatnonzero(observed.series == number)
@@ -188,7 +188,7 @@ FEWEST = 20  # samples of a series whose correlation in time is looked at
 
 
 class Information(NamedTuple):
-    """What data determine.
+    """Parameters, and combinations of them, that data determine.
 
     Attributes:
         eigenvalues: (P,) of the Fisher information, rising.
@@ -275,7 +275,7 @@ def correlation(covariances: Array) -> Array:
 
 
 def whiteness(series: list[Array]) -> dict[str, Any]:
-    """Whether residuals are free of correlation in time, of series of them in the order of their times.
+    """Test whether residuals are free of correlation in time, of series of them in the order of their times.
 
     Autocorrelations ρ_k of one of T samples have about the variance 1/T. Ljung and Box (1978), Biometrika 65, 297:
     T (T + 2) Σ ρ_k² / (T - k), k = 1 ... h, is χ² of h degrees of freedom; here summed over the series, whose noise is

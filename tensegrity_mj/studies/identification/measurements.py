@@ -1,4 +1,4 @@
-"""What was measured, with times and noise of its own, and where a run has the same."""
+"""Measurements with times and noise of their own, and the places in a run where the same is found."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Observation:
 
     @classmethod
     def of(cls, structure: Structure, given: Any) -> Observation:
-        """Of what `measured` takes or makes, or several of these.
+        """Make the observation from what `measured` takes or makes, or several of these.
 
         Raises:
             OptionError: for a member that the structure does not have, a time below 0, several units of unknown noise,

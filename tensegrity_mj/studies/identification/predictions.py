@@ -1,5 +1,5 @@
-"""What a run with other parameters has of what was measured, and its derivatives: by an engine that differentiates, or
-by central differences of any other."""
+"""Predictions of the measurements by a run with other parameters, and their derivatives: by an engine that
+differentiates, or by central differences of any other."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class Differentiated(Predictions):
         part = (observation.times - program.times[row]) / width
 
         def seen(arrays: Any) -> Any:
-            """As `resampled`: Hermite's polynomials of nodes, straight lines of tensions; exact at recorded times."""
+            """Resample a run as `resampled` does: nodes by Hermite's polynomials, tensions by straight lines."""
             run = program.run(restored(arrays))
             x, v, pulls = (jnp.moveaxis(one, 0, -1) for one in (run.nodes, run.velocities, run.tensions))
             x = (
@@ -202,7 +202,7 @@ class Differentiated(Predictions):
         self._arrays, self._compile = arrays, partial(compiled, along)
         self._along: Callable[..., Any] | None = None
         self._last: tuple[Array, Array, Array] | None = None  # values, predictions, Jacobian
-        # Beside the start, where a change may be zero by chance, as that of a slack string's rest length by stiffness.
+        # Not at the start, where a change may happen to be zero, as that of a slack string's rest length by stiffness.
         beside = np.clip(unknowns.start + 10 * STEP * unknowns.sizes, unknowns.low, unknowns.high)
         self._pattern = (self._differences(arrays, beside) != 0).astype(float)
         for path, changes in zip(unknowns.paths, self._pattern.T, strict=True):
@@ -234,7 +234,7 @@ class Differentiated(Predictions):
 
 
 def predictions_of(unknowns: Unknowns, observation: Observation, engine: Any, *how: Any) -> Predictions:
-    """Those of an engine, see `Predictions`."""
+    """Make the predictions of an engine, see `Predictions`."""
     kind = Differentiated if engine_settings(engine)[0] == "jax" else Predictions
     return kind(unknowns, observation, engine, *how)
 

@@ -72,7 +72,7 @@ class Identification(Report):
 
     @property
     def judgement(self) -> Judgement:
-        """How the fit ended, and what it leaves undetermined."""
+        """Judgement of how the fit ended, and of what it leaves undetermined."""
         return judgement_of(self.data)
 
     def page(self) -> Page:
@@ -189,7 +189,7 @@ def page_of(data: Data) -> Page:
 
 
 def judgement_of(data: Data) -> Judgement:
-    """How the fit ended, and a finding a further sentence; none is good of a fit that did not end."""
+    """Judge how the fit ended, with a finding for each further sentence; none is good of a fit that did not end."""
     (ended, verdict), *others = verdicts(data)
     marks = {Mark.GOOD: Mark.GOOD if ended is Mark.GOOD else Mark.LIMITED}
     return Judgement(verdict, tuple(Finding(marks.get(mark, mark), text) for mark, text in others))

@@ -51,7 +51,7 @@ class Parameter:
 
     @classmethod
     def of(cls, text: str) -> Parameter:
-        """What a text says: PATH, PATH=START or PATH=START:LOW:HIGH, with * and ~DEVIATION.
+        """Read a parameter from text: PATH, PATH=START or PATH=START:LOW:HIGH, with * and ~DEVIATION.
 
         Raises:
             OptionError: for a text that is none.
@@ -111,7 +111,7 @@ class Unknowns:
 
     @property
     def names(self) -> list[str]:
-        """(P,) for people."""
+        """Names of the parameters (P,), as text."""
         return [
             path.removeprefix("structure.") + " (factor)" * factor
             for path, factor in zip(self.paths, self.scaled, strict=True)

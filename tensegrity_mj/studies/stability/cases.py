@@ -100,7 +100,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
         except TensegrityError as error:
             reason = str(error)
             continue
-        u = u * (PRESTRAIN * STIFFNESS / u.max())  # below the stiffness, whatever the self-stress is
+        u = u * (PRESTRAIN * STIFFNESS / u.max())  # below the stiffness, for any self-stress
         tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
         if is_firm(Scene(tight)):
             left = f" (strings {', '.join(slack)} slack)" if slack else ""
@@ -121,7 +121,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
 
 
 def is_firm(scene: Scene) -> bool:
-    """Whether every motion but one of the whole is held at rest: no stiffness below zero, to 1e-9 of the largest."""
+    """Return whether all motions but those of the whole are held at rest: no stiffness below -1e-9 of the largest."""
     from tensegrity_mj.vibration.small_motions import vibration
 
     still = np.zeros_like(scene.nodes0)

@@ -60,7 +60,7 @@ def judgement_of(data: Data) -> Judgement:
 
 
 def _verdict(data: Data) -> str:
-    """How well predictions are met, and the step that is safe at the start."""
+    """Return a sentence on how well predictions are met, and on the step that is safe at the start."""
     known = [one for one in data["base"]["engines"].values() if one["ratio"]]
     known = [one for one in known if one["measured"] is not None or not one["agrees"]]  # else nothing was measured
     ratios = [one["ratio"] for one in known]
@@ -169,7 +169,7 @@ def _mapped(data: Data) -> dict[str, list[Data]]:
 
 
 def _engines(data: Data) -> list[str]:
-    """Those that some point of the maps has."""
+    """Return the engines that some point of the maps has."""
     return [name for name in NAMES if any(row["values"] and name in row["values"]["engines"] for row in data["maps"])]
 
 

@@ -174,7 +174,7 @@ def _engine_of_run(scene: Scene, law: Any) -> Any:
 
 
 def start_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Of each engine its limits [s] at the start and at the worst, when [s] that is, its rod, its string, remarks."""
+    """Yield for each engine the limits [s] at the start and at the worst, its time [s], rod, string and remarks."""
     for name, one in part["engines"].items():
         if "error" in one:
             yield TITLES[name], None, None, None, "", "", one["error"]
@@ -185,7 +185,7 @@ def start_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
 
 
 def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Of each engine the limits [s], their ratio, over 2/ω, the rod and the string, and what explains a difference."""
+    """Yield for each engine the limits [s], their ratio, over 2/ω, rod and string, and what explains a difference."""
     for name, one in part["engines"].items():
         over = None if one["predicted"] is None else one["predicted"] * one["omega"] / 2
         rod, string = (f"{one[what]} ({one[f'{what}_share']:.0%})" if one[what] else "" for what in ("rod", "string"))
@@ -193,7 +193,7 @@ def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
 
 
 def describe(data: dict[str, Any]) -> list[str]:
-    """The study for people: lines of text."""
+    """Return the study as lines of text."""
     rows, failed = [("", "at the start", "worst on the way", "at", "")], []
     for name, first, worst, time, rod, string, remarks in start_rows(data["start"]):
         if time is None:

@@ -62,7 +62,7 @@ SEED = 0  # of the perturbations
 
 @dataclass(frozen=True)
 class MeasuredLimit:
-    """What was measured.
+    """Largest stable step that was measured, and how.
 
     Attributes:
         limit: [s] the largest step that was stable; 0 where none was; ∞ where all were up to `largest`.
@@ -128,7 +128,7 @@ def measured_limit(
 
 
 def _why_unstable(scene: Scene, engine: Any, equilibrium: bool, steps: int) -> str:
-    """How a perturbation grows at the engine's step, or "" where it does not."""
+    """Return how a perturbation grows at the engine's step, or "" where it does not."""
     step = engine.timestep
     size = float(np.ptp(scene.nodes0, axis=0).max(initial=0.0)) or 1.0
     structure = scene.structure
@@ -208,7 +208,7 @@ FEWER = ((100, 100), (30, 300))
 
 
 def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What `run_many` computes: a structure's limits, {engine: {...}} (see `at_rest`); none of the ODE if joined."""
+    """Compute a structure's limits for `run_many`, {engine: {...}} (see `at_rest`); none of the ODE if joined."""
     scene = joined_scene(point) if point["kind"] == "joined" else Scene(structure_of(point))
     found = {name: at_rest(scene, name) for name in point["engines"] if simulates(name, scene)}
     omega = next((one["omega"] for one in found.values()), None)
@@ -217,7 +217,7 @@ def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def steps_for(rods: int) -> int:
-    """How many steps a measuring run of a structure has."""
+    """Return the number of steps of a structure's measuring run."""
     return next((steps for above, steps in FEWER if rods > above), STEPS)
 
 
@@ -253,7 +253,7 @@ def at_rest(scene: Scene, name: str) -> dict[str, Any]:
 
 
 def why(found: StableStep, reason: str) -> str:
-    """Why the two differ."""
+    """Return the reason for which the predicted and the measured limit differ."""
     for note in found.notes:
         if "edge of slackness" in note:
             return "strings at the edge of slackness: no linear model"
@@ -267,7 +267,7 @@ def why(found: StableStep, reason: str) -> str:
 
 
 def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of all points and engines: how many agree, and the causes of the others."""
+    """Count over all points and engines how many agree, and the causes of the others."""
     rows = [one for values in outcomes for one in values["engines"].values()]
     # Where no step was too long, nothing was measured: such points agree, and have no difference.
     ratios = np.array([one["ratio"] for one in rows if one["ratio"] is not None and one["measured"] is not None])
@@ -296,7 +296,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def agreement(part: Mapping[str, Any]) -> str:
-    """In words: how many comparisons and structures agree, of a part of the study with a `summary`."""
+    """Say how many comparisons and structures agree, of a part of the study with a `summary`."""
     total = part["summary"]
     middle = "-" if total["median_difference"] is None else f"{total['median_difference']:.2g}"
     return (

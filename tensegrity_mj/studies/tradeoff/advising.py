@@ -1,4 +1,4 @@
-"""What a study of cost comes to: its points with their fronts, what to use for an accuracy, and sentences to act on."""
+"""Advice of a study of cost: its points with their fronts, what to use for an accuracy, and sentences to act on."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def decades(motion: float, bounds: Sequence[float | None]) -> list[float]:
 
 
 def label(point: Data) -> str:
-    """A point's setting for people."""
+    """Return a point's setting as text."""
     return f"{point['family']}, {point['knob']}"
 
 
@@ -78,7 +78,7 @@ def with_timing(data: Data) -> list[tuple[Data, Data]]:
 
 
 def bounds(experiment: Data) -> list[float | None]:
-    """Of each point: its error and the reference's own together [m]; None where it has none."""
+    """Return for each point its error plus the reference's own [m]; None where it has none."""
     own = experiment["reference"]["own_error"]
     return [None if own is None or one["error"] is None else one["error"] + own for one in experiment["points"]]
 
@@ -109,13 +109,13 @@ def advice_alone(advised: Data) -> str:
 
 
 def advice_rows(experiment: Data, timing: Data) -> list[tuple[str, str, str]]:
-    """What to use for which accuracy, by wall time and by right-hand sides, under the heads `ADVICE`."""
+    """Return rows of what to use for which accuracy, by wall time and by right-hand sides, under the heads `ADVICE`."""
     pairs = zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True)
     return [(metres(one["tolerance"]), advice_alone(one), advice_alone(other)) for one, other in pairs]
 
 
 def floor_sentence(experiment: Data, costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> str | None:
-    """What holding does to the motion, and what is fine enough for it; None where nothing is held."""
+    """Say how holding changes the motion, and what is fine enough for it; None where nothing is held."""
     floor = experiment["modelling_floor"]
     if floor is None:
         return None
@@ -131,7 +131,7 @@ def floor_sentence(experiment: Data, costs: Sequence[float | None], timing: Sequ
 
 
 def remarks(experiment: Data, whole: float) -> list[str]:
-    """What must be known of an experiment to take its advice, `whole` [s] being the scene's own duration."""
+    """Return what one must know to take the advice of an experiment, `whole` [s] being the scene's own duration."""
     found, duration = [], experiment["duration"]
     if experiment["note"]:
         found.append(experiment["note"])
@@ -150,7 +150,7 @@ def remarks(experiment: Data, whole: float) -> list[str]:
 
 
 def why_none(experiment: Data) -> str:
-    """Why there is no advice: no reference, or a motion that is too small for any accuracy to be chosen."""
+    """Say why there is no advice: no reference, or a motion that is too small for any accuracy to be chosen."""
     if experiment["reference"]["engine"] is None:
         return reference_sentence(experiment)
     return (
@@ -160,7 +160,7 @@ def why_none(experiment: Data) -> str:
 
 
 def reference_sentence(experiment: Data) -> str:
-    """What the errors are against, and how far that may be off."""
+    """Say against what the errors are measured, and how far off that may be."""
     reference = experiment["reference"]
     if reference["engine"] is None:
         return f"no reference: {reference['reason']}"
@@ -175,14 +175,14 @@ def reference_sentence(experiment: Data) -> str:
 
 
 def metres(value: float | None) -> str:
-    """A distance for people."""
+    """Return a distance as text."""
     if value is None:
         return "–"
     return "0 m" if value == 0 else f"{power_text(float(f'{value:.1e}'))} m" if value < 1e-3 else f"{value:.2g} m"
 
 
 def factor_text(value: float) -> str:
-    """A real-time factor for people."""
+    """Return a real-time factor as text."""
     return f"{value:.0f}" if value >= 100 else f"{value:.2g}"
 
 
@@ -255,7 +255,7 @@ def result_of(
     settings: Sequence[Setting],
     records: Sequence[Sequence[Data]],
 ) -> tuple[Data, Data]:
-    """What is the same each time, and what was measured with a clock."""
+    """Return the values that are the same each time, and those that were measured with a clock."""
     points, clocked = [], []
     own = reference.own_error
     for setting, runs in zip(settings, records, strict=True):
@@ -293,7 +293,7 @@ def result_of(
 
 
 def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
-    """How far the held experiment's own motion is from the continuous law's; None where nothing is held."""
+    """Return how far the held experiment's own motion is from the continuous law's; None where nothing is held."""
     if experiment.actuation.mode is Mode.CONTINUOUS:
         return None
     unknown = {"distance": None, "final_distance": None, "resolved": None}

@@ -25,7 +25,7 @@ from tensegrity_mj.runs.convergence import way_of
 
 PERIODS = (1e-2, 1e-3)  # s
 REPEATS = 3
-BUDGET = 1e6  # of right-hand sides, each weighed as in `settings.weight`: seconds a run, for whatever structure
+BUDGET = 1e6  # of right-hand sides, each weighed as in `settings.weight`: seconds a run, for any structure
 
 
 class Loop(enum.Enum):
@@ -55,7 +55,7 @@ def _falling(unit: str = "") -> Kind:
 
 @value("tradeoff", OptionError)
 class TradeoffOptions:
-    """What is swept.
+    """Options of a study of cost: loops, engines, steps and tolerances that are swept.
 
     Attributes:
         loops: open, closed or both.
@@ -88,7 +88,7 @@ class TradeoffOptions:
             raise refused(self, f"families = {self.families!r}; each must be a text such as 'RK4'")
 
     def wants(self, family: str) -> bool:
-        """Whether a family is swept."""
+        """Return whether a family is swept."""
         words = family.casefold()
         return not self.families or any(word.casefold() in words for word in self.families)
 
@@ -137,7 +137,7 @@ class Experiment:
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Name of the experiment, as text."""
         if self.law is None:
             return "open loop"
         if self.actuation.period is None:
@@ -174,7 +174,7 @@ def recording_interval(duration: float) -> float:
 
 
 def divides(time: float, step: float) -> bool:
-    """Whether a time is a whole number of steps."""
+    """Return whether a time is a whole number of steps."""
     with contextlib.suppress(OptionError):
         return whole_ratio(time, step, "time over the step") > 0
     return False
@@ -206,6 +206,6 @@ def open_loop(scene: Scene, options: TradeoffOptions, start: Mapping[str, Any] |
 
 
 def stays(nodes: Array) -> bool:
-    """Whether nothing moves that could be measured, of nodes (T, N, 3) [m]."""
+    """Return whether nothing moves that could be measured, of nodes (T, N, 3) [m]."""
     extent = np.linalg.norm(np.ptp(nodes[0], axis=0))  # the diagonal of their box at first
     return not way_of(nodes) > STILL * extent

@@ -59,7 +59,7 @@ def page_of(data: Data) -> Page:
 
 
 def _verdict(data: Data) -> str:
-    """What is fastest for a usual accuracy of the first experiment that has advice."""
+    """Name the fastest setting for a usual accuracy of the first experiment that has advice."""
     for _, timing in advising.with_timing(data):
         advice = [one for one in timing["advice"] if one["text"]]
         if advice:
@@ -70,7 +70,7 @@ def _verdict(data: Data) -> str:
 
 
 def _findings(data: Data) -> Iterator[Finding]:
-    """How sure each experiment's reference is, and what holding a control costs."""
+    """Yield findings on how sure each experiment's reference is, and on what holding a control costs."""
     for experiment, timing in advising.with_timing(data):
         reference, title = experiment["reference"], experiment["title"]
         head = title[:1].upper() + title[1:]
@@ -167,7 +167,7 @@ def rows(experiment: Data, timing: Data) -> list[Data]:
 
 
 def remark(point: Data) -> str:
-    """What a point's numbers alone do not show."""
+    """Return a remark on a point that its numbers alone do not show."""
     if point["error"] is None:
         return f"{point['status']}: {shortened(point['reason'], MOST_LETTERS)}"
     notes = ["at the reference's floor"] if point["at_reference_floor"] else []
@@ -187,14 +187,14 @@ CROSS: Any = {"ls": "none", "marker": "x", "ms": 5, "mew": 1.4}  # how these are
 
 
 class Cost(enum.Enum):
-    """What the horizontal axis shows."""
+    """Quantity on the horizontal axis."""
 
     WALL_TIME = "wall time [s]"
     RIGHT_HAND_SIDES = "right-hand sides"
 
 
 class Style(NamedTuple):
-    """How a family is drawn."""
+    """Style in which a family is drawn."""
 
     color: tuple[float, float, float]
     marker: str
@@ -234,7 +234,7 @@ class Panel(NamedTuple):
 
 
 def has_diagram(data: Data) -> bool:
-    """Whether some experiment has a reference, and so errors to draw."""
+    """Return whether some experiment has a reference, and so errors to draw."""
     return any(one["reference"]["engine"] is not None for one in data["experiments"])
 
 

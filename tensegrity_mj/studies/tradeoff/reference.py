@@ -35,7 +35,7 @@ SAME_TIME = 1e-9  # of the duration
 
 
 class Ended(enum.Enum):
-    """How a run ended."""
+    """Ways in which a run ended."""
 
     COMPLETED = "completed"
     DIVERGED = "diverged"  # unstable
@@ -76,7 +76,7 @@ class Attempt:
 
     Attributes:
         ended, reason: how, and why where it did not complete.
-        run: all of it, what there is of it, or None.
+        run: all of it, the part that was computed, or None.
     """
 
     ended: Ended
@@ -114,7 +114,7 @@ def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = 
 
 
 def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[str, Any]:
-    """What is kept of an attempt: everything but `timing` is the same each time it is made.
+    """Return the record of an attempt: everything but `timing` is the same each time it is made.
 
     error, final_error [m]: of the nodes against the reference, over the run and at its end; None where it did not
     complete or there is no reference. steps, evaluations, memory [bytes]: of what was run.
@@ -151,7 +151,7 @@ FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What an experiment is measured against.
+    """Reference solution of an experiment, against which errors are measured.
 
     Attributes:
         motion: of the nodes; None where there is no reference.
@@ -163,12 +163,12 @@ class Reference:
 
     @property
     def stays(self) -> bool:
-        """Whether it is of something that does not move."""
+        """True where nothing moves in the reference."""
         return self.motion is not None and stays(self.motion.nodes)
 
     @property
     def own_error(self) -> float:
-        """How wrong it may be itself [m]; infinite where there is none."""
+        """Bound of the reference's own error [m]; infinite where there is none."""
         value = self.facts["own_error"]
         return float("inf") if value is None else float(value)
 

@@ -1,4 +1,4 @@
-"""What is swept: engines with their integrators, steps and tolerances, for one scene.
+"""Settings that are swept: engines with their integrators, steps and tolerances, for one scene.
 
 Fixed steps lie on a grid that divides the interval between recorded samples and, where a law is sampled, its period:
 the interval over 1, 2, 5, 10, 20, 50, ... The finest step is the last whose run stays within a budget of right-hand
@@ -76,7 +76,7 @@ def grid_of_steps(interval: float, period: float | None, most_steps: float, dura
 
 
 def weight(scene: Scene, law: NativeLaw | None = None) -> float:
-    """What a right-hand side costs, in strings of the equations of motion."""
+    """Return the cost of a right-hand side, in strings of the equations of motion."""
     structure = scene.structure
     strings = max(1.0, len(structure.strings))
     if structure.class_number > 1:
@@ -128,7 +128,7 @@ def _of_mujoco(_: str, experiment: Experiment, options: TradeoffOptions) -> Iter
 
 
 def _of_fixed_steps(name: str, experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
-    """Of an engine of which nothing more is known than that it has a time step."""
+    """Make the settings of an engine of which nothing is known except that it has a time step."""
     row = ENGINES[name]
     return _at_steps(partial(engine_class(name), **row.fixed_step), row.title, 1, experiment, options)
 
@@ -166,7 +166,7 @@ def _of_reference(name: str, experiment: Experiment, options: TradeoffOptions) -
 
 
 def power_text(value: float) -> str:
-    """A tolerance for people: 1e-9."""
+    """Return a tolerance as text: 1e-9."""
     digits, exponent = f"{value:.2e}".split("e")
     return f"{float(digits):g}e{int(exponent)}"
 

@@ -66,7 +66,7 @@ class Tradeoff(Report):
 
     @property
     def sentences(self) -> list[str]:
-        """What to use for which accuracy, by the wall times measured here."""
+        """Sentences on what to use for which accuracy, by the wall times measured here."""
         return sentences(self.data)
 
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
@@ -295,7 +295,7 @@ def _passes(
 
 
 def _again(experiment: Experiment, first: Data, number: int, options: TradeoffOptions) -> bool:
-    """Whether a point is timed once more; by what it computed, never by how long that took."""
+    """Return whether to time a point once more; decided by what it computed, never by how long that took."""
     if first["status"] != Ended.COMPLETED.value:
         return False
     part = first["evaluations"] * weight(experiment.scene, experiment.native) / options.budget

@@ -181,7 +181,7 @@ def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance
 
 
 def trends(rows: Sequence[Data]) -> list[Data]:
-    """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
+    """Test the thesis' statements on gains (§5.6): yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
     for gain, measured, sign, words in STATEMENTS:
         own = [one for one in rows if one["gain"] == gain and one["outcome"] not in NO_MEASURE]
@@ -203,7 +203,7 @@ def trends(rows: Sequence[Data]) -> list[Data]:
 
 
 def trend(values: Sequence[float | None], sign: int, unsettled: bool = False) -> str:
-    """Whether values change in the direction of the sign; None, where it means "never settled", is larger than any."""
+    """Return whether values change in the direction of the sign; None for "never settled" is larger than any."""
     numbers = [math.inf if value is None and unsettled else value for value in values]
     if any(number is None for number in numbers):
         return "unknown"
@@ -221,7 +221,7 @@ def _step(a: float, b: float) -> int:
 
 
 def _fractions(rows: Sequence[Data]) -> list[Data]:
-    """How many starts of each law, or of each amplitude, came out how."""
+    """Count how the starts of each law, or of each amplitude, ended."""
     key = "law" if rows and "law" in rows[0] else "amplitude"
     found = []
     for group in dict.fromkeys(one[key] for one in rows):
@@ -246,12 +246,12 @@ def _kept(rows: Sequence[Data]) -> float | None:
 
 
 def left_promise(one: Data) -> bool:
-    """Whether V of a row leaves its promise by more than 1 %."""
+    """Return whether V of a row differs from its predicted decay by more than 1 %."""
     return (one["decay_error"] or 0.0) > DECAY_WARNING
 
 
 def _differing(starts: Mapping[str, Any]) -> list[Data]:
-    """Starts that come out differently in two engines."""
+    """Return the starts that end differently in two engines."""
     engines = list(starts)
     found = []
     for parts in zip(*(starts[engine]["rows"] for engine in engines), strict=True):

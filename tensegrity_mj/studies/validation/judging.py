@@ -1,4 +1,4 @@
-"""How runs of a report came out, and what each of them is judged by."""
+"""Outcomes of a report's runs, and the bounds by which each of them is judged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def judged(
     nominal: Mapping[str, Any] | None = None,
     more: Sequence[str] = (),
 ) -> tuple[str, Verdict]:
-    """How a run came out, one of `OUTCOMES`, and what it is judged by.
+    """Return the outcome of a run, one of `OUTCOMES`, and its verdict.
 
     Args:
         values: of `measures.of_run`, or of a run that diverged.
@@ -81,7 +81,7 @@ def _without_target(
 
 
 def sampled(one: Data, tolerance: float) -> Verdict:
-    """What sampling is judged by: how far a row of a sampled run is from the run that it is held against."""
+    """Judge a sampled run by how far its row is from the run that it is held against."""
     own = Verdict(**one["judgement"])
     if one["outcome"] in NO_MEASURE:
         return own
@@ -92,12 +92,12 @@ def sampled(one: Data, tolerance: float) -> Verdict:
 
 
 def reached(nominal: Mapping[str, Any]) -> bool:
-    """Whether a nominal run does what it is meant to, so that what is off in another can be blamed for its end."""
+    """Return whether a nominal run does what it is meant to, so that its changes can be blamed for another's end."""
     return nominal["outcome"] in REACHED and nominal["judgement"]["word"] in (GOOD, LIMITED)
 
 
 def word_of(section: str, part: Mapping[str, Any], nominal: Mapping[str, Any]) -> str:
-    """What a section comes to in one engine; of random starts those of the law under test count."""
+    """Return the verdict on a section in one engine; of random starts, those of the law under test count."""
     unknown = section in TOLERATED and not reached(nominal)
     if unknown or (section in ("sampling", "gains") and nominal["outcome"] in NO_MEASURE):
         return UNJUDGED

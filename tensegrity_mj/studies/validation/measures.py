@@ -1,4 +1,4 @@
-"""What the report says of one run, from its trajectory, as plain values; docs/validate.md explains them.
+"""Measures of one run in the report, from its trajectory, as plain values; docs/validate.md explains them.
 
 Everything is of the recorded samples: a run is recorded at every control sample where memory allows it.
 """
@@ -96,7 +96,7 @@ def settling_time(time: Array, values: Array, bound: float) -> float | None:
 
 
 def arrival(run: Trajectory) -> Values:
-    """How a run ends: the fastest node's speed [m/s]; for each rod, cos of the angle to its target (-1: mirrored)."""
+    """Return the state at a run's end: the fastest node's speed [m/s]; each rod's cos of the angle to its target."""
     speed = float(np.max(np.linalg.norm(run.velocities[-1], axis=-1), initial=0.0))
     if run.scene.target is None:
         return {"speed": speed, "alignment": None}
@@ -162,7 +162,7 @@ def _peak(time: Array, values: Array, names: list[str]) -> Values | None:
 
 
 def switching(run: Trajectory, floor: ArrayLike = 0.0) -> Values:
-    """How often strings begin or cease to pull: per second, of all strings and of each."""
+    """Count how often strings begin or cease to pull: per second, of all strings and of each."""
     u = run.force_densities
     least = np.broadcast_to(np.asarray(floor, float), (u.shape[1],))
     above = u - least

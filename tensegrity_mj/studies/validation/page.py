@@ -72,7 +72,7 @@ def _sections(data: Data) -> Iterator[Section]:
             ]
         if section == "starts" and data.get("starts_that_differ"):
             rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
-            parts.append(Table("Starts that come out differently in two engines", ("start", "outcomes"), rows))
+            parts.append(Table("Starts that end differently in two engines", ("start", "outcomes"), rows))
         yield Section(heading[0].upper() + heading[1:], [text] if text else [], parts)
     yield _details(data)
 

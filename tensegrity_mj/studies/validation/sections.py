@@ -1,4 +1,4 @@
-"""What is run: the cases of each section of the report, as points for `task.run_point`."""
+"""Cases of each section of the report, as points for `task.run_point`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SIDE_BY_SIDE: dict[str, dict[str, Any]] = TABLE["side_by_side"]
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is run; `quick()` is what a test can afford."""
+    """Extent of the report; `quick()` is what a test can afford."""
 
     periods: Sequence[float] = tuple(FULL["periods"])
     factors: Mapping[str, Sequence[float]] = field(default_factory=lambda: FULL["factors"])
@@ -53,7 +53,7 @@ class Extent:
 
 @dataclass(frozen=True)
 class Setup:
-    """What all sections are made for.
+    """Settings that all sections share.
 
     Attributes:
         scene, law: under test.
@@ -74,7 +74,7 @@ class Setup:
 
     @property
     def continuous(self) -> bool:
-        """Whether the law may be evaluated at every stage."""
+        """True where the law may be evaluated at every stage."""
         return not getattr(self.law, "discontinuous", "")
 
     def fixed_step(self, engine: str, step: float) -> dict[str, Any]:
@@ -231,7 +231,7 @@ def _gravity(setup: Setup, engine: str) -> Iterator[Case]:
 
 
 def is_pinned_rod(structure: Structure) -> bool:
-    """Whether there is one rod, pinned in space, and nothing else that moves: its states at rest are a sphere."""
+    """Return whether one rod, pinned in space, is all that moves: its states at rest are then a sphere."""
     if len(structure.rods) != 1 or structure.point_masses:
         return False
     support = structure.rods[0].support

@@ -17,12 +17,12 @@ from tensegrity_mj.studies.validation.sections import SECTIONS, Setup
 
 
 def title(engine: str) -> str:
-    """An engine's name for people."""
+    """Return an engine's name, as text."""
     return ENGINES[engine].title
 
 
 def summary(setup: Setup, found: Data) -> list[tuple[str, str]]:
-    """What the report comes to: sentences and their sections; of the first engine, and where another one differs."""
+    """Summarise the report in sentences with their sections; of the first engine, and where another one differs."""
     engine = setup.engines[0]
     nominal = [_nominal_sentence(setup, found, engine), *_winch_sentences(found, engine)]
     sentences = [("nominal", sentence) for sentence in nominal]
@@ -87,7 +87,7 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
 
 
 def _unjudged_sentence(section: str, part: Data, nominal: Data) -> str:
-    """Why nothing is said of a section."""
+    """Say why a section is not judged."""
     head = f"{SECTIONS[section][:1].upper()}{SECTIONS[section][1:]}: not judged"
     if section in TOLERATED and not reached(nominal):
         more = "; give it more time (--duration)" if nominal["outcome"] == "still moving" else ""
@@ -108,7 +108,7 @@ def _judged(section: str, part: Data) -> Data:
 
 
 def _doubts(part: Data) -> list[str]:
-    """Which runs do what they should and are doubtful all the same, and which are not judged."""
+    """Say which runs do what they should and are doubtful all the same, and which are not judged."""
     doubtful = [one for one in part["rows"] if one["judgement"]["word"] == LIMITED and one["outcome"] in REACHED]
     unknown = [one for one in part["rows"] if one["judgement"]["word"] == UNJUDGED and not one.get("reference")]
     found = []
@@ -120,12 +120,12 @@ def _doubts(part: Data) -> list[str]:
 
 
 def law_name(law: Data) -> str:
-    """What a law is called."""
+    """Return the name of a law."""
     return str((law["description"] or {}).get("law", law["from"]))
 
 
 def verdict(data: Mapping[str, Any]) -> str:
-    """Whether the law does what it is meant to, and how much of what was tried it bears."""
+    """Say whether the law does what it is meant to, and how much of what was tried it bears."""
     engine, one = next(iter(data["nominal"]["engines"].items()))
     name, where = law_name(data["law"]), f"{data['scene']['name']} in {title(engine)}"
     found, error = Verdict(**one["judgement"]), one.get("error")

@@ -39,12 +39,12 @@ class Validation(Report):
     NAME = "validation"
 
     def page(self) -> Page:
-        """What was found, section by section."""
+        """Make the page of the report, section by section."""
         return page_of(self.data)
 
     @property
     def summary(self) -> list[str]:
-        """What it comes to, in sentences."""
+        """Summary of the report, in sentences."""
         return list(self.data["summary"])
 
 

@@ -26,9 +26,9 @@ from tensegrity_mj.studies.validation import measures
 ROWS = 64 * 2**20  # bytes of recorded rows at most
 TICK = 0.01  # s: what control periods, durations and break times are multiples or parts of
 REFUSED = "refused"  # the status of a start that the scene does not admit
-KEPT = 100  # times at which nodes are kept for comparison, besides the start
+KEPT = 100  # times at which nodes are kept for comparison, as well as the start
 
-# What a point may hold besides its engine; absent means nominal.
+# Values that a point may hold in addition to its engine; absent means nominal.
 DEFAULTS: dict[str, Any] = {
     "engine_options": {},
     "mode": Mode.CONTINUOUS.value,
