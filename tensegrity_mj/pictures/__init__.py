@@ -1,4 +1,4 @@
-"""How runs are seen: videos, pictures, plots, reports; motion between samples, camera, off-screen OpenGL, text."""
+"""Pictures of runs: videos, plots, reports; motion between samples, camera, off-screen OpenGL, text."""
 
 from typing import TYPE_CHECKING
 

@@ -43,7 +43,7 @@ class Camera:
 
     @property
     def position(self) -> Array:
-        """Where the camera stands (3,) [m]."""
+        """Place of the camera (3,) [m]."""
         return np.array(self.look_at) - self.distance * self.axes[2]
 
     def project(self, points: Array) -> Array:
@@ -53,7 +53,7 @@ class Camera:
         return relative[..., :2] / (tangent * np.maximum(relative[..., 2:], 1e-12))
 
     def moved(self, shift: Array) -> Camera:
-        """The same view of something that is `shift` (3,) [m] away."""
+        """Return the camera with the same view of something that is `shift` (3,) [m] away."""
         x, y, z = (float(a + b) for a, b in zip(self.look_at, shift, strict=True))
         return replace(self, look_at=(x, y, z))
 

@@ -72,7 +72,7 @@ def grid_of_panels(count: int, columns: int, width: float, height: float, room: 
 
 
 def beside(columns: int) -> int:
-    """How many panels stand beside one another: one in a paper's column."""
+    """Return the number of panels in a row: one in a paper's column."""
     wanted = paper.chosen()
     return columns if wanted is None or wanted.columns == 2 else 1
 
@@ -130,7 +130,7 @@ def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: floa
 
 
 def common_legend(figure: Figure, panels: Iterable[Axes], most: int = 99, size: float = 8.0) -> None:
-    """One legend below the panels, each label once, at most so many beside one another, in letters of that size."""
+    """One legend below the panels, each label once, at most so many in a row, in letters of that size."""
     used: dict[str, Any] = {}
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -146,7 +146,7 @@ def note(panel: Axes, text: str) -> None:
 
 
 def equal_scales(axes: Any, points: Array) -> None:
-    """The same scale on all three axes round points (n, 3) [m], with nothing cut off."""
+    """Set the same scale on all three axes round points (n, 3) [m], with nothing cut off."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low)) or 1.0
     half = np.maximum(0.5 * (high - low), 0.15 * size) * 1.05

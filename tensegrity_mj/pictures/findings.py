@@ -14,7 +14,7 @@ MOST = 7  # findings that are shown at once
 
 
 class Mark(enum.Enum):
-    """What a finding means for whoever relies on the result, the worst first."""
+    """Marks of findings by their meaning for whoever relies on the result, the worst first."""
 
     BAD = "bad"
     LIMITED = "limited"
@@ -38,7 +38,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict, and findings in the order in which they are told."""
+    """A verdict, and findings in the order in which they are reported."""
 
     verdict: str
     findings: Sequence[Finding] = ()

@@ -1,4 +1,4 @@
-"""What a film shows of its motions: the camera that sees all of them, how far water, grid and floor reach."""
+"""Framing of a film's motions: the camera that sees all of them, and the extents of water, grid and floor."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Framing:
         return CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
 
     def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
-        """Where the water lies; its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""
+        """Place the water; return its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""
         self.surface: Surface | None = None
         seas = [sea for sea in self.seas if sea is not None]
         if not seas:
@@ -177,7 +177,7 @@ class Framing:
         self._plan_floor(points, floor, camera)
 
     def _plan_floor(self, points: Array, floor: tuple[Array, Array] | None, camera: Camera) -> None:
-        """Where the floor's plate lies: under all points, and under the grid; none where it is seen from below."""
+        """Place the floor's plate under all points, and under the grid; none where it is seen from below."""
         self.plate: tuple[Array, Array, Array] | None = None
         if floor is None or self.terrain is not None or camera.axes[2] @ floor[1] > -0.03:
             return

@@ -1,4 +1,4 @@
-"""What a picture needs of a run: where nodes are and how strings pull at any time between the recorded samples."""
+"""Motion of a run for pictures: places of nodes and tensions of strings at any time between the recorded samples."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Motion:
 
     @classmethod
     def _in(cls, scene: Scene, **samples: Any) -> Motion:
-        """With what a scene adds to the samples."""
+        """Return the motion with what a scene adds to the samples."""
         contact = scene.contact
         return cls(
             structure=scene.structure,
@@ -176,7 +176,7 @@ class Motion:
         return target_positions(self.structure, self.target, times)
 
     def corners(self) -> Array:
-        """Where members meet, as `corners_of` gives it, at a few instants; of very many members, every so many."""
+        """Return where members meet, see `corners_of`, at a few instants; of very many members, every so many."""
         structure = self.structure
         pairs = np.concatenate([structure.rod_nodes, structure.paths.nodes, structure.body_edges])
         nodes = self.positions(np.linspace(self.start, self.end, 1 if len(self.time) == 1 else 7))

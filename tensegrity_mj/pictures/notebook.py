@@ -1,4 +1,4 @@
-"""What notebooks show of the files of videos and pictures."""
+"""Display of the files of videos and pictures in notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One prefix all over a page for forces and for stresses: N beside kN is read wrongly by a thousand."""
+"""One prefix all over a page for forces and for stresses: N next to kN is misread by a factor of a thousand."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ Image = NDArray[np.uint8]
 
 
 def choose_backend() -> str:
-    """Which OpenGL to draw with: "egl", "osmesa", "glfw" or "cgl".
+    """Choose the OpenGL to draw with: "egl", "osmesa", "glfw" or "cgl".
 
     MUJOCO_GL decides where it is set. Elsewhere EGL is taken if it finds a device (a graphics card or Mesa's software
     renderer; it needs no display), then OSMesa, then a window system's, if there is a display.
@@ -77,7 +77,7 @@ def choose_backend() -> str:
 
 
 def has_osmesa() -> bool:
-    """Whether OSMesa is installed."""
+    """Return whether OSMesa is installed."""
     return _loadable("OSMesa", "libOSMesa.so.8", "libOSMesa.so.6") is not None
 
 

@@ -119,14 +119,14 @@ def write_report(
         sections.append(Section("In 3-D", parts=[make_web_page(runs[0]).framed()]))
     if comparison is not None:
         sections.append(Section("How far the two are apart", parts=[_agreement(comparison)]))
-    sections.append(Section("What came out", parts=[_runs(runs)]))
+    sections.append(Section("Outcome", parts=[_runs(runs)]))
     sections += pictures_and_tables((), tables)
     sections.append(Section("Everything that was recorded", parts=[_details(run) for run in runs]))
     return write_sections(path, title or scene.name, "", sections, "report", opening=opening)
 
 
 def judgement_of_runs(runs: Sequence[Trajectory], comparison: Comparison | None = None) -> Judgement:
-    """What came out of runs in a sentence, the tolerances of their comparison, and all that speaks against them."""
+    """Judge runs: their outcome as the verdict; the tolerances of their comparison and all doubts as findings."""
     texts = [(run, text) for run in runs for text in doubts(run)]
     named = [f"{run.engine}: {text}" if len(runs) > 1 else text for run, text in texts]
     found = [Finding(Mark.LIMITED, text) for text in named]
@@ -207,7 +207,7 @@ def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
 
 
 def _requested(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -> str:
-    """What was simulated, in a few words; the scene's name where the page has a title of its own."""
+    """Return a table of what was simulated; with the scene's name where the page has a title of its own."""
     scene, first = runs[0].scene, runs[0].provenance
     structure, law = scene.structure, first.get("controller")
     held = first.get("actuation") or {}
@@ -330,7 +330,7 @@ def _read(path: Path, what: str) -> bytes:
 
 
 def data_url(kind: str, data: bytes) -> str:
-    """Of data that stands in the page itself."""
+    """Return the URL of data that stands in the page itself."""
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 

@@ -33,7 +33,7 @@ SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway
 
 
 class Look(enum.Enum):
-    """How a structure is drawn."""
+    """Styles in which a structure is drawn."""
 
     SOLID = "solid"
     GHOST = "ghost"  # translucent
@@ -60,7 +60,7 @@ EDGE = 2.5  # times as thick as strings: edges of bodies
 
 @dataclass(frozen=True)
 class Sizes:
-    """Radii [m] at which members show, whatever the scale of the structure."""
+    """Radii [m] at which members show, at any scale of the structure."""
 
     rod: NDArray[np.float64]
     string: float
@@ -69,7 +69,7 @@ class Sizes:
 
     @classmethod
     def of(cls, structure: Structure, extent: float) -> Sizes:
-        """For a structure in a picture that is `extent` [m] wide: real rod radii, unless they would hardly show."""
+        """Return radii in a picture that is `extent` [m] wide: those of real rods, unless they would hardly show."""
         lengths = structure.rod_lengths
         typical = float(np.median(lengths)) if len(lengths) else extent
         least = max(min(0.0125 * typical, 0.01 * extent), 0.0022 * extent)
@@ -141,7 +141,7 @@ class Painter:
         self.scene.ngeom = self._count
 
     def keep(self) -> None:
-        """What is drawn so far stays; traces come next, then what each frame draws anew."""
+        """Keep what is drawn so far; traces come next, then what each frame draws anew."""
         self._fixed = self._count
 
     def reset(self) -> None:
@@ -155,7 +155,7 @@ class Painter:
 
     def background(self, camera: Camera, reach: float, backdrop: palette.Color) -> None:
         """A plate behind everything, in one colour, as the first geom; for pictures with water, see `shrink.behind`."""
-        # Emission outshines the lights a thousand times, so that the colour comes out the same everywhere.
+        # Emission outshines the lights a thousand times, so that the colour is the same everywhere.
         color = np.array([*(c / 1000.0 for c in backdrop), 1.0], np.float32)
         right, up, forward = camera.axes
         depth = camera.distance + 2.0 * reach
@@ -326,7 +326,7 @@ class Painter:
 
 
 def plate_thickness(low: Array, high: Array) -> float:
-    """Of a floor's plate between two corners (3,) [m], half of it; it hardly shows."""
+    """Return half the thickness [m] of a floor's plate between two corners (3,) [m]; it hardly shows."""
     return 1e-3 * float(np.linalg.norm(high - low))
 
 

@@ -31,7 +31,7 @@ GHOST: Color = (0.16, 0.44, 0.90)
 AXES: tuple[Color, Color, Color] = ((0.82, 0.20, 0.18), (0.20, 0.60, 0.22), (0.16, 0.36, 0.80))
 
 # The thesis' order for rods and strings: blue, green, red, and four more: those of Okabe and Ito, which readers who do
-# not see all colours tell apart. Curves differ by `STYLES` too, which stay in grey print.
+# not see all colours can distinguish. Curves differ by `STYLES` too, which stay in grey print.
 CYCLE: tuple[Color, ...] = (
     (0.000, 0.447, 0.698),
     (0.000, 0.620, 0.451),
@@ -131,6 +131,6 @@ def mixed(color: Color, other: Color, weight: float) -> Color:
 
 
 def to_bytes(color: Color) -> tuple[int, int, int]:
-    """As bytes, for Pillow."""
+    """Return the color as bytes, for Pillow."""
     r, g, b = (round(255 * c) for c in color)
     return (r, g, b)

@@ -81,5 +81,5 @@ def paper(columns: int = 2) -> Iterator[None]:
 
 
 def chosen() -> Paper | None:
-    """What figures are made for now; None for the screen."""
+    """Return the paper that figures are made for now; None for the screen."""
     return _PAPER.get()

@@ -109,7 +109,7 @@ def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     """Height [m], tension of the strings [N], the floor's force or the rods' [N], and under a law rest lengths [m].
 
     Members that are alike are drawn together, see `curves`. The floor's force is drawn where nothing but gravity acts
-    from outside besides.
+    from outside as well.
 
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
@@ -179,7 +179,7 @@ def _reference(run: Trajectory) -> Array:
 
 
 def _off(run: Trajectory, what: Callable[[Structure, Array], Array]) -> Array:
-    """How far b or r of each rod (T, R) is from the target's, or from where it started."""
+    """Return the distance of b or r of each rod (T, R) from the target's, or from where it started."""
     structure = run.scene.structure
     return np.linalg.norm(what(structure, run.nodes) - what(structure, _reference(run)), axis=-1)
 

@@ -1,4 +1,4 @@
-"""What plots of runs are made of: panels of one quantity each, rows of panels, and the runs that are drawn."""
+"""Panels of plots of runs: one quantity each, in rows, and the runs that are drawn."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def multipliers(panel: Axes, run: Trajectory, rods: Sequence[int] | None = None)
 
 
 def heights(panel: Axes, run: Trajectory) -> None:
-    """Of the mass centre, the highest and the lowest node, upwards: above the floor, or where there is none, from 0."""
+    """Draw the heights of the mass centre, the highest and the lowest node: above the floor, or without one, from 0."""
     up, floor = upwards(run), None if run.scene.contact is None else run.scene.contact.floor
     structure = run.scene.structure
     height = run.nodes @ up - (floor or 0.0)
@@ -68,7 +68,7 @@ def heights(panel: Axes, run: Trajectory) -> None:
 
 
 def tensions(panel: Axes, run: Trajectory) -> None:
-    """Of the strings, alike ones together and those with mass as wholes; where there are none, speeds."""
+    """Draw the tensions of the strings, alike ones together and those with mass as wholes; without strings, speeds."""
     structure = run.scene.structure
     if not structure.strings:
         speeds = np.linalg.norm(run.velocities, axis=-1)
@@ -84,7 +84,7 @@ def tensions(panel: Axes, run: Trajectory) -> None:
 
 
 def rest_lengths(panel: Axes, run: Trajectory) -> None:
-    """Of the strings, as winches set them: of many the ones that change most; those with mass as wholes.
+    """Draw the rest lengths of the strings, as winches set them: of many those that change most; ropes as wholes.
 
     Alike ones are drawn together where they change together.
     """
@@ -100,7 +100,7 @@ def rest_lengths(panel: Axes, run: Trajectory) -> None:
 
 
 def forces(panel: Axes, run: Trajectory) -> None:
-    """Of the floor on the structure where momentum gives it, else along the rods, alike ones together."""
+    """Draw the floor's force on the structure where momentum gives it, else the rods' forces, alike ones together."""
     floor = floor_force(run)
     if floor is not None:
         time, across, along = floor

@@ -1,4 +1,4 @@
-"""What a structure shades of its floor: flat dark pieces under its members, so that one sees where and how it stands.
+"""Shadow of a structure on its floor: flat dark pieces under its members, which show where and how it stands.
 
 The light comes along the floor's normal. A shadow is as sharp and dark as its member is near: it widens and pales with
 the height, and where a rod's end comes down, a round one darkens to the touch. A shadow map would cost far more.

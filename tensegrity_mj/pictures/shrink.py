@@ -22,7 +22,7 @@ _EVERY_OTHER = 0x00FF00FF00FF00FF  # bytes: red and blue of two pixels
 
 
 def behind(color: tuple[int, int, int], alpha: float) -> Image:
-    """What shows of a background (256, 3) through pixels drawn on black, for each value in the fourth byte of a pixel.
+    """Return how a background (256, 3) shows through pixels drawn on black, for each value of a pixel's fourth byte.
 
     OpenGL blends that byte as it does colours: what is translucent changes A into alpha² + (1 - alpha) A. After n such
     layers alpha - A is (1 - alpha)ⁿ times what it was before. So with A = 0 where nothing was drawn, the share of the

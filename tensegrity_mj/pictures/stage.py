@@ -174,7 +174,7 @@ class Stage(contextlib.ExitStack):
         self._frame: Image = np.array(picture)
 
     def _legend(self) -> list[str]:
-        """What the footer explains."""
+        """Return the words that the footer explains."""
         held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
         slack = any(np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions)
         there = {

@@ -1,4 +1,4 @@
-"""Where pictures show that a structure is held."""
+"""Places at which pictures show that a structure is held."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 def supported_points(structure: Structure, nodes: Array) -> list[tuple[Array, int]]:
-    """Where the structure is held: points [m] with the number of directions (1 to 3) that each is held in."""
+    """Return the points [m] where the structure is held, each with its number of held directions (1 to 3)."""
     places = support_places(structure)
     return [((1.0 - sigma) * nodes[i] + sigma * nodes[j], held) for i, j, sigma, held, _ in places]
 

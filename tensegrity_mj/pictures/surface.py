@@ -32,7 +32,7 @@ MINOR = 0.05  # of the largest amplitude: components below do not need finer pie
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Where the vertices of a block of water stand; the sea gives their heights.
+    """Grid of the vertices of a block of water; the sea gives their heights.
 
     Attributes:
         x, y: (I,), (J,) of the surface's vertices, ascending [m].
@@ -76,7 +76,7 @@ class Surface:
         return cls(x, y, -depth if shallow else bottom, every, (0.0, 0.0, 0.0), shallow, crest)
 
     def lined(self, width: float, camera: Camera) -> Surface:
-        """The same with lines that look about `width` [m] wide from where the camera looks, however low it is."""
+        """Return the surface with lines that look about `width` [m] wide from the camera, however low it is."""
         along_x, along_y, _ = camera.axes[:2].T
         across = abs(along_x[0] * along_y[1] - along_x[1] * along_y[0])
         # What is a metre wide on the water looks `across` over the length of a metre of the line.
@@ -161,5 +161,5 @@ def _strips(lengths: Sequence[int]) -> Faces:
 
 
 def _both(faces: Faces) -> Faces:
-    """The same triangles from either side."""
+    """Return the triangles from either side."""
     return np.concatenate([faces, faces[:, ::-1]])

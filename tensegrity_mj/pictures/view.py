@@ -1,4 +1,4 @@
-"""What a caller chooses of a picture."""
+"""Options of a picture that a caller chooses."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MIN_SIZE = 16  # px
 
 
 class Layout(enum.Enum):
-    """How two runs are shown."""
+    """Layouts of two runs in one picture."""
 
     OVERLAY = "overlay"
     SIDE_BY_SIDE = "side-by-side"
 
 
 class Quality(enum.Enum):
-    """How edges are smoothed: frames are drawn larger and averaged down.
+    """Qualities of edges: to smooth them, frames are drawn larger and averaged down.
 
     FAST not at all; FINE 2 times (3/2 times for two runs side by side, which fill the frame); BEST 3 times, for stills.
     """
@@ -44,7 +44,7 @@ def _size(given: Any) -> tuple[int, ...]:
 
 @value("view", OptionError)
 class View:
-    """What the caller chose of the picture; all angles in degrees, None to have it chosen.
+    """Options of a picture; all angles in degrees, None to have it chosen.
 
     Attributes:
         size: width and height [px].

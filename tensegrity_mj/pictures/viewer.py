@@ -129,7 +129,7 @@ def view_model(model: Any) -> None:
 
 
 class Player:
-    """Which moment of a run is shown: it goes on by itself, and keys change that (`KEYS`).
+    """Clock of the viewer: the time that is shown goes on by itself, and keys change it (`KEYS`).
 
     Args:
         start, end: of the run [s].
@@ -141,7 +141,7 @@ class Player:
         self.time, self.paused, self.loops = start, False, True
 
     def press(self, key: int) -> None:
-        """What a key does, by GLFW's number of it."""
+        """Do what a key means, by GLFW's number of it."""
         step = (self.end - self.start) / STEPS
         match key:
             case 32:  # space
@@ -166,7 +166,7 @@ class Player:
 
     @property
     def words(self) -> str:
-        """For the window's corner."""
+        """Return the text in the window's corner."""
         state = "paused" if self.paused else f"{self.speed:g} x" + ("" if self.loops else ", once")
         return f"{min(self.time, self.end):.3f} of {self.end:g} s, {state}"
 

@@ -69,7 +69,7 @@ class WebPage:
         return write_text(checked(path, (".html", ".htm"), "page"), self.text)
 
     def describe(self) -> str:
-        """How many frames were chosen, and how large the page is."""
+        """Say how many frames were chosen, and how large the page is."""
         frames = f"{self.frames} frames, one each {self.interval:.3g} s" if self.frames > 1 else "1 frame"
         return f"{frames}, {len(self.text.encode()) / 1e6:.1f} MB"
 
@@ -128,7 +128,7 @@ def _times(motion: Motion, room: int) -> Array:
 
 
 def _data(motion: Motion, times: Array) -> dict[str, Any]:
-    """What the page draws from; rods, strings, supports and masses name nodes by their rows."""
+    """Return the data that the page draws; rods, strings, supports and masses name nodes by their rows."""
     structure = motion.structure
     nodes, aims = motion.positions(times), motion.target_positions(times)
     among = [np.interp(times, motion.time, one) for one in np.hstack([motion.tensions, motion.rest_lengths]).T]
@@ -206,7 +206,7 @@ _COLORS = {
 
 @dataclass(frozen=True)
 class _Box:
-    """What the page sees.
+    """Box of what the page shows.
 
     Attributes:
         center, half: its middle, and half its size along the axes, (3,) [m].
@@ -223,7 +223,7 @@ class _Box:
 
     @classmethod
     def of(cls, motion: Motion, nodes: Array, aims: Array | None) -> _Box:
-        """For nodes, and those of the target, (F, N, 3) [m]; as `framing` sees them."""
+        """Make the box for nodes, and those of the target, (F, N, 3) [m]; as `framing` frames them."""
         extents = np.linalg.norm(np.ptp(nodes, axis=1), axis=1)
         seen = nodes[extents <= BLOWN_UP * max(extents[0], 1e-12)] if motion.diverged else nodes
         extent = max(float(np.linalg.norm(np.ptp(seen, axis=1), axis=1).max()), 1e-9)
@@ -282,7 +282,7 @@ def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> dict[str, A
 
 
 def _eye(motion: Motion, half: Array) -> Array:
-    """Where plotly's camera stands (3,), from the box's middle and in twice its largest half: it sees all of the box.
+    """Return the place of plotly's camera (3,), from the box's middle and in twice its largest half: it sees all of it.
 
     It looks as in films: over water from the side, square on planar motion, else from where members cover each other
     least.
