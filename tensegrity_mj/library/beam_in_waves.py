@@ -44,7 +44,7 @@ ALONG, UPWARDS = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class BeamEnd(enum.Enum):
-    """How the three nodes of a beam's top are held; those of its base do not move at all."""
+    """Supports of the three nodes of a beam's top; those of its base do not move at all."""
 
     GUIDED = "guided"  # they move across the beam only: the middle of a beam that is twice as long and clamped
     GUIDED_ALONG_WAVES = "guided_along_waves"  # they move only as the waves travel: C.1.4 to the letter
@@ -53,7 +53,7 @@ class BeamEnd(enum.Enum):
 
 
 class BeamWeight(enum.Enum):
-    """What becomes of a beam's weight in water."""
+    """Treatments of a beam's weight in water."""
 
     CARRIED = "carried"  # constant forces on the nodes balance it as long as they are under water
     HANGING = "hanging"  # it acts, and the beam starts at rest where it hangs in still water

@@ -44,19 +44,19 @@ IN_LINE, OUT_OF_PLANE, UP = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class RopeMass(enum.Enum):
-    """Which mass the rope has: the thesis prints two."""
+    """Masses of the rope: the thesis prints two."""
 
     ELEMENTS = "elements"  # §3.3.3: eleven elements of 0.0129 kg, 0.1419 kg
     TABLE = "table"  # Table 3.1: 0.165 kg
 
     @property
     def kilograms(self) -> float:
-        """Of the whole rope [kg]."""
+        """Mass of the whole rope [kg]."""
         return ROPE_ELEMENTS * ROPE_ELEMENT_MASS if self is RopeMass.ELEMENTS else 0.165
 
 
 class Excitation(enum.Enum):
-    """How the carriage moves."""
+    """Motions of the carriage."""
 
     IN_LINE = "in-line"  # along y
     CIRCULAR = "circular"  # in the xy plane
@@ -64,7 +64,7 @@ class Excitation(enum.Enum):
 
 
 class Start(enum.Enum):
-    """In which frame the cable is at rest at t = 0."""
+    """Frames in which the cable is at rest at t = 0."""
 
     MOVING_FRAME = "moving frame"  # everything moves with the carriage
     LAB_FRAME = "lab frame"  # the carriage moves, all below it is still
@@ -72,7 +72,7 @@ class Start(enum.Enum):
 
 @dataclass(frozen=True)
 class Elements:
-    """How many equal elements a cable is to have.
+    """Number of equal elements that a cable is to have.
 
     Attributes:
         elements: K.
@@ -132,7 +132,7 @@ def refined(divisions: int) -> int:
 
 
 def parts(elements: int) -> tuple[int, int]:
-    """How many elements the fastening and the rope have; the load is the last one.
+    """Return the numbers of elements of the fastening and of the rope; the load is the last one.
 
     As nearly as whole numbers can be in the proportion 1 : 11 of the thesis' models, which they are for `refined` ones.
     """
@@ -141,7 +141,7 @@ def parts(elements: int) -> tuple[int, int]:
 
 
 def arc_lengths(elements: int) -> Array:
-    """How far down the cable each node is (K + 1,) [m]."""
+    """Return the distance of each node down the cable (K + 1,) [m]."""
     fastening, rope = parts(elements)
     top = FASTENING_LENGTH * np.arange(fastening + 1) / fastening
     middle = FASTENING_LENGTH + ROPE_LENGTH * np.arange(1, rope + 1) / rope

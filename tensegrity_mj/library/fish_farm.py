@@ -98,7 +98,7 @@ class FishNet:
         solidity: what twines shade of the panel, both ways together; each string is ½ of it times `mesh` thick.
         stiffness: of each string [N/m].
         spread: tension of the strings across at the start [N].
-        knot_mass, sinker: of each knot, and what the lowest carry besides [kg], less the water that they displace.
+        knot_mass, sinker: of each knot, and what the lowest carry in addition [kg], less the water that they displace.
         top: of the collar below the still surface [m].
         wave_height, wavelength: of a wave along x [m]; a height of 0 for none.
         current: [m/s].

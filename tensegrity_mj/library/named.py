@@ -51,7 +51,7 @@ def family_names() -> list[str]:
 
 
 def is_family_call(text: str) -> bool:
-    """Whether a text is meant as a call of a family: a name with an open parenthesis, and no path of a .toml file."""
+    """Return whether a text is meant as a call of a family: a name with "(", and no path of a .toml file."""
     return _CALL.match(text) is not None and not text.endswith(".toml")
 
 

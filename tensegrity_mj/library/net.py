@@ -22,7 +22,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class Held(enum.Enum):
-    """Which nodes of a net are fixed in space."""
+    """Nodes of a net that are fixed in space."""
 
     CORNERS = "corners"
     EDGES = "edges"  # all nodes of the first and of the last row: a hammock

@@ -39,7 +39,7 @@ class Prism:
         rod_mass, radius: of a rod [kg], [m].
         stiffness, damping: of every string [N/m], [N s/m].
         side_stiffness: of the side strings [N/m], where it is another.
-        prestress: force density of bottom and top over `stiffness`, (L - L0)/L; .1 where `tension` is not given either.
+        prestress: force density of bottom and top over `stiffness`, (L - L0)/L; 0.1 where there is no `tension` either.
         tension: of bottom and top [N] instead.
         base: three nodes on which it stands; of the bottom by default.
         tilt: by which it is then turned [rad], along the axis.

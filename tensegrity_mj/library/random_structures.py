@@ -222,7 +222,7 @@ def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Arr
 
 
 def _linked_velocities(rng: np.random.Generator, structure: Structure, nodes: Array, speed: float) -> Array:
-    """Of random ones, what rods, joints, supports and planes allow."""
+    """Draw random velocities, and keep the part that rods, joints, supports and planes allow."""
     wild = speed * rng.uniform(-1, 1, (len(structure.nodes), 3))
     for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
         if rod.support.plane is not None:

@@ -1,4 +1,4 @@
-"""What families of robots share: prestress, and how they stand or fall on a floor and are pushed over."""
+"""Parts that families of robots share: prestress, and starts that stand, fall on a floor or are pushed over."""
 
 from __future__ import annotations
 

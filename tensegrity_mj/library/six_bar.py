@@ -39,7 +39,7 @@ class Icosahedron:
     Attributes:
         rod_length, rod_mass, radius: [m], [kg], [m].
         stiffness, damping: of every string [N/m], [N s/m].
-        prestress: force density over stiffness, (L - L0)/L; .1 where `tension` is not given either.
+        prestress: force density over stiffness, (L - L0)/L; 0.1 where there is no `tension` either.
         tension: of every string [N] instead.
         base: three nodes on which it stands; a closed triangle by default.
         tilt, drop, friction, gravity, duration, name: as of `Prism` [rad], [m], [1], [m/s²], [s].

@@ -45,7 +45,7 @@ PRESTRESS_MEASURE = 0.10  # m, §7.2.3
 
 
 class Topology(enum.Enum):
-    """Which diagonals a tower of N stages has; they lean with the rods of their stage."""
+    """Diagonals of a tower of N stages; they lean with the rods of their stage."""
 
     FULL = "full"  # 15N - 6 strings: from b of a stage up to b of the next, and from t of a stage down to t of the last
     REDUCED_A = "reduced_a"  # 12N: from b to t within each stage
@@ -53,7 +53,7 @@ class Topology(enum.Enum):
 
 
 class Axis(enum.Enum):
-    """Where a tower's axis points from its base."""
+    """Directions of a tower's axis from its base."""
 
     X = "x"  # lying, as in chapter 7 and appendix C
     Z = "z"  # standing
@@ -165,7 +165,7 @@ def tower_like(family: Any, **more: Any) -> Scene:
 
 
 def shared_fields(kind: type, family: Any) -> dict[str, Any]:
-    """What a family has in fields that a class has, too, by their names."""
+    """Return the values of a family's fields that a class has, too, by their names."""
     names = {one.name for one in fields(kind)} & {one.name for one in fields(family)}
     return {name: getattr(family, name) for name in names}
 
