@@ -1,7 +1,7 @@
-"""What a file of another program says, before it is a scene: members, and which coordinates of nodes are held.
+"""Draft of a scene, from a file of another program: members, and coordinates of nodes that are held.
 
 Others hold coordinates of nodes where this package holds rods. A draft finds a rod for each node that is held, and
-notes whatever it cannot carry over.
+notes all that it cannot carry over.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ def held_axes(structure: Structure) -> tuple[dict[str, frozenset[str]], list[str
 
 
 def _loose(constraints: Iterable[Constraint], free: Collection[str]) -> list[Constraint]:
-    """What of the constraints is of nodes that are free, each value of which the reference gives."""
+    """Return the constraints' parts on nodes that are free, each value of which the reference gives."""
     kept = [({node: w for node, w in one.nodes.items() if node in free}, one) for one in constraints]
     return [replace(one, nodes=nodes) for nodes, one in kept if nodes]
 
@@ -238,7 +238,7 @@ def _axes_of(rows: Sequence[Sequence[float]]) -> str | None:
 
 
 def _matching(names: Sequence[str], ends: Sequence[tuple[str, str]]) -> list[int]:
-    """For each node the row of a member of its own that ends there, for as many nodes as there can be; -1: none."""
+    """Match as many nodes as possible with a member of their own that ends there: its row, or -1 for none."""
     found = [(row, column) for row, name in enumerate(names) for column, pair in enumerate(ends) if name in pair]
     if not found:
         return [-1] * len(names)

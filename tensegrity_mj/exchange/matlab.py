@@ -43,7 +43,7 @@ class Variables:
     def __init__(self, path: Path, values: Mapping[str, Array], unread: Sequence[str]) -> None:
         self.path, self.values, self.unread = path, dict(values), list(unread)
         self.used: set[str] = set()
-        # What a program is called with is one structure, and variables beside it may be others by then.
+        # A program is called with one structure, and other variables may have changed by then.
         heads = (key.rpartition(".")[0] for key in self.values if key.rpartition(".")[2] == "N")
         inputs = ("C_b", "C_s", "Cb", "Cs", "C")
         self.input = next(

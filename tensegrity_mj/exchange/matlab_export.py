@@ -23,7 +23,7 @@ KEPT = ("gravity", "initial_nodes", "initial_velocities", "constraints")
 
 
 def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
-    """Write N, C_b, C_s and what STEDY and MOTES need beside them; returns the path, and what the file does not hold.
+    """Write N, C_b, C_s and what else STEDY and MOTES need; returns the path, and what the file does not hold.
 
     Raises:
         OptionError: for another suffix, or a place where no file can be written.

@@ -44,7 +44,7 @@ _END = re.compile(r"\s*end\w*\b")
 
 
 class Unknown(Exception):
-    """What a script holds that is no data."""
+    """Part of a script that is no data."""
 
 
 def read(path: Path, options: ImportOptions) -> Draft:
@@ -148,7 +148,7 @@ def _assign(values: dict[str, Array], found: re.Match[str]) -> None:
 
 
 def _places(array: Array, index: list[Any]) -> Any:
-    """What numpy takes for MATLAB's A(i, j), A(k) and A(rows, :), numbers from 1."""
+    """Return numpy's index for MATLAB's A(i, j), A(k) and A(rows, :), numbers from 1."""
     if len(index) not in (1, 2):
         raise Unknown(f"{len(index)} indices")
     found = []

@@ -272,7 +272,7 @@ class _Reader:
         return name
 
     def _support(self, body: int, bar: Bar) -> Support:
-        """How the joints of a rod's body hold it."""
+        """Return the support by which the joints of a rod's body hold it."""
         model, data = self.model, self.data
         kinds: dict[int, list[int]] = {FREE: [], BALL: [], SLIDE: [], HINGE: []}
         for joint in self._joints(body):

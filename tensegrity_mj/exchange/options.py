@@ -1,4 +1,4 @@
-"""What a person adds to a file of another program: units, and values that the file does not give."""
+"""Options for a file of another program: units, and values that the file does not give."""
 
 from __future__ import annotations
 
