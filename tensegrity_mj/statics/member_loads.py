@@ -59,7 +59,7 @@ class Use:
 
 @dataclass(frozen=True)
 class SlackInterval:
-    """From which sample of a run to which one a string was slack [s]; both are times at which it was."""
+    """First and last recorded time [s] of a run between which a string was slack, both included."""
 
     string: str
     start: float

@@ -52,7 +52,7 @@ class Point(NamedTuple):
 
     @classmethod
     def of(cls, state: StaticState, at: Linearized, tangent: Tangent, effort: int = 0, expected: int = 0) -> Point:
-        """With its eigenvalues, of which so many are expected to be negative."""
+        """Make a point with its eigenvalues, of which so many are expected to be negative."""
         count = EIGENVALUES + expected
         while True:
             values, modes = linear_systems.lowest_stiffness(at, count)

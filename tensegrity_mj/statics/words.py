@@ -301,7 +301,7 @@ def _members(check: MemberCheck) -> tuple[str, ...]:
 
 
 def _frequencies(modes: Modes) -> list[str]:
-    """In Hz; of what grows, its rate."""
+    """Return frequencies in Hz as text; of modes that grow, the rate."""
     pairs = zip(modes.frequencies.tolist(), modes.growth.tolist(), strict=True)
     return [f"unstable ({growth:.5g} 1/s)" if growth > 0 else f"{frequency:.5g}" for frequency, growth in pairs]
 

@@ -249,13 +249,13 @@ def _densities(structure: Structure) -> Any:
 
 
 def _with_densities(structure: Structure, u: Any) -> Structure:
-    """With these u (M,) [N/m] at the reference nodes; negative ones are slack."""
+    """Return the structure with these u (M,) [N/m] at the reference nodes; negative ones are slack."""
     lengths = structure.string_lengths(structure.positions)
     return structure.with_strings(rest_length=lengths * (1 - u / structure.stiffness))
 
 
 def _at_prestrain(structure: Structure, level: float) -> Structure:
-    """With the tensions scaled, so that the largest u/k is the level; slack strings stay as they are."""
+    """Scale the tensions so that the largest u/k is the level; slack strings stay as they are."""
     u = _densities(structure)
     worst = float(np.max(u / structure.stiffness))
     return _with_densities(structure, np.where(u > 0, u * (level / worst), u))

@@ -84,7 +84,7 @@ def bounds(experiment: Data) -> list[float | None]:
 
 
 def advice(experiment: Data, costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> list[Data]:
-    """For each decade of accuracy the cheapest adequate point and a
+    """Return for each decade of accuracy the cheapest adequate point and a sentence on it.
 
     Args:
         costs: one a point: wall times [s] or right-hand sides.

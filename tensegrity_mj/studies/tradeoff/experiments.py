@@ -29,7 +29,7 @@ BUDGET = 1e6  # of right-hand sides, each weighed as in `settings.weight`: secon
 
 
 class Loop(enum.Enum):
-    """With the law or without."""
+    """Loops that are run: with the law or without."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -124,7 +124,7 @@ class Experiment:
 
     @property
     def loop(self) -> Loop:
-        """With the law or without."""
+        """Loop of the experiment: with the law or without."""
         return Loop.OPEN if self.law is None else Loop.CLOSED
 
     @property

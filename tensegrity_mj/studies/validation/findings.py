@@ -1,4 +1,4 @@
-"""From the runs to the report's data: rows by section and engine, trends, and sentences that a user can act on."""
+"""Data of the report, from its runs: rows by section and engine, trends, and sentences that a user can act on."""
 
 from __future__ import annotations
 
