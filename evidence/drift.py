@@ -216,7 +216,7 @@ def run_long(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:
-    """For each quantity: the largest up to each mark that the run reached, its growth, and its course."""
+    """Return for each quantity the largest up to each mark that the run reached, its growth, and its course."""
     scale = float(energy_exchanged(run)[-1]) if len(run.time) else 0.0
     energy = run.kinetic_energy + run.gravity_energy + run.string_energy
     b, b_rate = (rods.directions(run.scene.structure, rows) for rows in (run.nodes, run.velocities))
@@ -266,7 +266,7 @@ def _findings(data: Data) -> Iterator[Finding]:
 
 
 def course_figure(data: Data, name: str) -> Figure:
-    """How a quantity grew over the steps, for each method that let it grow at all."""
+    """Plot how a quantity grew over the steps, for each method that let it grow at all."""
     figure = new_figure(9.0, 4.5)
     axes = figure.add_subplot()
     for row in data["rows"]:

@@ -34,7 +34,7 @@ class Extremes:
 
 
 def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike) -> Extremes:
-    """Where a motion turns back.
+    """Find the extremes of a motion, at which it turns back.
 
     A sign of the rate that changes between two samples marks an extreme, which is that of the cubic with the values and
     rates of both: its value is off by (ω h)⁴/384 of an amplitude of angular frequency ω, h between samples.
@@ -103,7 +103,7 @@ NOTHING = 1e-12  # of the motion in the plane: round-off
 
 @dataclass(frozen=True)
 class Whirl:
-    """How a marker moves out of the plane.
+    """Motion of a marker out of the plane.
 
     Attributes:
         growth: [1/s] at which the amplitude out of the plane grows while it is small; NaN where it is never. What is

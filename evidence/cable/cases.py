@@ -88,7 +88,7 @@ class Case:
 
     @property
     def exceeded(self) -> str:
-        """Why the engine's step is beyond its limit, or "": the linear model shows it before anything runs."""
+        """Message that the engine's step is beyond its limit, or "": the linear model shows it before anything runs."""
         scheme = self.engine.stepping.scheme
         if scheme is None or scheme not in STABLE or not self.coarseness > STABLE[scheme]:
             return ""
@@ -147,7 +147,7 @@ def default_step(scene: Scene, coarseness: float = COARSENESS, interval: float =
 
 @dataclass(frozen=True, eq=False)
 class CaseResults:
-    """What came out of several cases.
+    """Results of several cases.
 
     Attributes:
         cases: in order.
@@ -171,7 +171,7 @@ class CaseResults:
 
     @property
     def messages(self) -> list[str]:
-        """Why a case has no measures, or ""."""
+        """Reasons for which cases have no measures, or ""."""
         return [
             outcome["values"]["message"] if "values" in outcome else outcome["reason"]
             for outcome in self.study.outcomes
@@ -302,7 +302,7 @@ def simulated(case: Case, duration: float = DURATION, interval: float = INTERVAL
 
 
 def measures_of(case: Case, run: Trajectory, markers: Sequence[float]) -> dict[str, Any]:
-    """What is kept of a run: amplitudes (P, 3), spectra (P, 3, F), whirling (P, 3), drift."""
+    """Return the measures that are kept of a run: amplitudes (P, 3), spectra (P, 3, F), whirling (P, 3), drift."""
     chain = Chain.of(case.scene.structure)
     W = chain.weights(markers)
     axes = np.stack(_axes(case.scene, case.direction), axis=1)

@@ -52,7 +52,7 @@ PART = number("in (0, 1]", lambda x: 0 < x <= 1)
 
 @value("PeakCriteria", OptionError)
 class PeakCriteria:
-    """Which peaks are picked besides the largest of each run; a peak that meets one of the two is.
+    """Criteria by which peaks are picked, in addition to the largest of each run; a peak meets one of the two.
 
     Attributes:
         local: of the largest peak in the same run.

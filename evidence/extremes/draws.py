@@ -184,7 +184,7 @@ def contact(rng: Rng) -> Experiment:
     )
 
 
-Drawn = tuple[Structure, dict[str, Any]]  # and facts, for people
+Drawn = tuple[Structure, dict[str, Any]]  # and facts, as text
 
 
 def threaded(rng: Rng) -> Drawn:

@@ -1,4 +1,4 @@
-"""What an extreme run is of, and what all kinds are drawn with."""
+"""Experiments of extreme runs, and draws that all kinds share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is to be run, except by which engine and with which step.
+    """Experiment that is to be run, without its engine and its step.
 
     Attributes:
         scene: the scene.
@@ -34,7 +34,7 @@ class Experiment:
         cycles: range of durations, in fastest vibrations.
         steps: exactly so many steps, or None.
         engines: names of engines that are drawn from, or none for all that take the scene.
-        facts: what was drawn, for people.
+        facts: what was drawn, as text.
     """
 
     scene: Scene
@@ -50,7 +50,7 @@ class Experiment:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
-# Strings that pull whatever their length draw a structure into itself, and it moves chaotically from then on, where no
+# Strings that pull at any length draw a structure into itself, and it moves chaotically from then on, where no
 # estimate of an error settles: such runs are short.
 COLLAPSE = (0.3, 10.0)
 

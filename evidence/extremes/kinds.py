@@ -152,7 +152,7 @@ def _degenerate(rng: Rng) -> Experiment:
 
 
 def _spatial(support: Support) -> Support:
-    """The same without a plane to turn in, and free to leave it."""
+    """Return the support without a plane to turn in, and free to leave it."""
     return Support(support.sigma, support.directions, None, None)
 
 
@@ -307,7 +307,7 @@ FIXED_STEP = ("euler", "implicitfast", "implicit", "rk4", "discrete", "dae rk4",
 
 
 class Kind(enum.Enum):
-    """What is extreme about a run, in words, and the function that draws an experiment of the kind.
+    """Kinds of extreme runs, in words, each with the function that draws an experiment of the kind.
 
     Drawing raises TensegrityError where what was drawn is no valid structure or scene.
     """

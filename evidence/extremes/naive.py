@@ -23,7 +23,7 @@ from tensegrity_mj.runs.variables import VARIABLES, sizes_of
 
 
 def applies(setup: Setup) -> bool:
-    """Whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
+    """Return whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
     scene, structure = setup.experiment.scene, setup.experiment.scene.structure
     resisted = scene.resistance is not None or any(point.damping for point in structure.point_masses)
     plain = not (scene.motions or resisted or scene.water or structure.constraints) and structure.curves.linear
@@ -31,7 +31,7 @@ def applies(setup: Setup) -> bool:
 
 
 def claim(run: Trajectory) -> Estimate:
-    """What is expected of such a run: no more than what any run must be to be of use."""
+    """Return the error that is expected of such a run: the least demand on any run that is to be of use."""
     return Estimate(USEFUL * way_of(run.nodes), True, "a script of one's own estimates nothing")
 
 

@@ -1,4 +1,4 @@
-"""How fast a scene can move at its start, so that the study can choose steps and durations that mean something.
+"""Pace of a scene at its start, so that the study can choose steps and durations that mean something.
 
 Nodes answer forces by the mobility W: v̇ = W f, block by block of the bodies of `vibration`; strings answer
 displacements by the stiffness K, material and geometric. The fastest vibration has ω² = λmax(W K), the fastest decay

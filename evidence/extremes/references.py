@@ -1,4 +1,4 @@
-"""What a run is held against: another formulation of the experiment, at a tighter tolerance, with its own doubt."""
+"""References of runs: another formulation of the experiment, at a tighter tolerance, with its own doubt."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Reference:
 
     @property
     def completed(self) -> bool:
-        """Whether it came to the end."""
+        """True where the run completed."""
         return self.run is not None and self.run.status is Status.COMPLETED
 
 

@@ -58,12 +58,12 @@ class Setup:
 
     @property
     def fixed(self) -> bool:
-        """Whether the engine makes fixed steps."""
+        """True where the engine makes fixed steps."""
         return self.engine in FIXED_STEP
 
     @property
     def order(self) -> int:
-        """Of the error in the step; of tolerances see `COARSER`."""
+        """Order of the error in the step; of tolerances see `COARSER`."""
         return 4 if self.engine in RUNGE_KUTTA else 1
 
     @property
@@ -107,7 +107,7 @@ def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What came of a run: a trajectory or an exception, and what was said beside it."""
+    """Outcome of a run: a trajectory or an exception, and the warnings that came with it."""
 
     run: Trajectory | None
     error: BaseException | None
@@ -115,7 +115,7 @@ class Attempt:
 
 
 def attempt(setup: Setup, engine: Any) -> Attempt:
-    """Run a setup with an engine; whatever it raises is the result."""
+    """Run a setup with an engine; an error that it raises is the result."""
     experiment = setup.experiment
     interval, period = setup.duration / OUTPUTS, setup.duration / SAMPLES
     actuation = Actuation(experiment.mode, None if experiment.mode is Mode.CONTINUOUS else period)

@@ -54,7 +54,7 @@ class Extremes(Report):
 
     @property
     def passed(self) -> bool:
-        """Whether nothing is undetected, enough is right, and little is refused without need."""
+        """True where nothing is undetected, enough is right, and little is refused without need."""
         return bool(self.data["passed"])
 
     @property
@@ -65,7 +65,7 @@ class Extremes(Report):
 
     @property
     def judgement(self) -> Judgement:
-        """How many runs were wrong without a warning, refused without need, and hidden."""
+        """Judgement of how many runs were wrong without a warning, refused without need, and hidden."""
         data, total = self.data, self.data["table"][-1]
         wrong = total["undetected"]
         headline = (
@@ -80,7 +80,7 @@ class Extremes(Report):
         return Judgement(headline, tuple(map(Finding, marks, data["summary"])))
 
     def page(self) -> Page:
-        """What came out, by kind and by engine, and every run that is not right."""
+        """Make the page of outcomes, by kind and by engine, with every run that is not right."""
         data, setup = self.data, self.data["setup"]
         tables = [_counts("By kind", data["table"]), _counts("By engine", data["by_engine"])]
         sections = [Section("What came of them", (), tables)]
@@ -143,7 +143,7 @@ def extremes(
 
 
 def _lost(outcome: dict[str, Any]) -> dict[str, Any]:
-    """Of a task that failed, or whose process died: a failure that nobody detected."""
+    """Return the outcome of a task that failed, or whose process died: a failure that nobody detected."""
     cause = f"the study's own task failed: {outcome['error']}: {outcome['reason']}"
     return {"engine": "none", "facts": {}, "verdict": Verdict.UNDETECTED.value, "cause": cause}
 

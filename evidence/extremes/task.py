@@ -99,7 +99,7 @@ def _estimate(setup: Setup, own: Attempt) -> Estimate:
 
 
 def _distance(own: Attempt, reference: Reference | None) -> tuple[float, float]:
-    """How far a run is from the reference, and how far that may be off [m]; NaN where there is none."""
+    """Return the distance of a run from the reference, and how far that may be off [m]; NaN where there is none."""
     if reference is None or own.run is None:
         return math.nan, math.nan
     if reference.run is None:
@@ -108,7 +108,7 @@ def _distance(own: Attempt, reference: Reference | None) -> tuple[float, float]:
 
 
 def _false_refusal(setup: Setup, judgement: Judgement) -> bool:
-    """Whether the run was refused or stopped although a tight DAE completes it, and its step is not to blame."""
+    """Return whether the run was refused or stopped although a tight DAE completes it, and its step is not to blame."""
     if judgement.verdict not in (Verdict.REFUSED, Verdict.STOPPED):
         return False
     if setup.fixed and setup.experiment.excess is not None and setup.experiment.excess > CLEARLY_WITHIN:

@@ -22,7 +22,7 @@ ROUND_OFF = 1e-11  # of the extent: a formulation's own coordinates cost this mu
 
 
 class Verdict(enum.Enum):
-    """What a run turned out to be."""
+    """Verdicts on runs."""
 
     RIGHT = "right"  # within its own error bound
     WARNED = "warned"  # completed, and says itself that it is not to be trusted
@@ -53,7 +53,7 @@ _REMEDY = re.compile(
 
 
 def lacks(message: str, on_the_way: bool) -> str:
-    """What a message should have and has not: a time (of a run that had begun), a cause with a value, a remedy."""
+    """Return what a message lacks: a time (of a run that had begun), a cause with a value, a remedy."""
     wanted = [(_VALUE, "an item or a value"), (_REMEDY, "a remedy")]
     if on_the_way:
         wanted.insert(0, (_TIME, "a time"))
@@ -114,14 +114,14 @@ def judge_error(attempt: Attempt, estimate: Estimate, error: float, doubt: float
 
 
 def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
-    """Whether a run alone, without an estimate of its error, completed without a warning and is plainly wrong."""
+    """Return whether a run without an estimate of its error completed without a warning and is plainly wrong."""
     if attempt.run is None or attempt.run.status is not Status.COMPLETED or attempt.warned or math.isnan(error):
         return False
     return error - doubt > USEFUL * way_of(attempt.run.nodes) + ROUND_OFF * extent_of(attempt.run)
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether strings went slack or taut, or something touched at a recorded time."""
+    """Return whether strings went slack or taut, or something touched at a recorded time."""
     return convergence.has_kinks(run) or any(run.reports.get("contact", {}).get("touching", ()))
 
 

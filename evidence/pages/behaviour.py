@@ -1,4 +1,4 @@
-"""What the code computes, recorded, so that a change of its structure can be held against it.
+"""Record of what the code computes, against which a change of its structure can be held.
 
     python -m evidence.pages.behaviour record evidence/pages/behaviour.json.gz  # before
     python -m evidence.pages.behaviour compare evidence/pages/behaviour.json.gz  # after; 1 if any differs

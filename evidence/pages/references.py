@@ -5,7 +5,7 @@
 Each is the tightest run that there is. Its error bar is three times the largest of two differences: from a run at ten
 times its tolerance, and from a second formulation. Three, because what one difference shows may be less than either
 run is wrong by, and because a correct program adds an error of its own (FLOOR_FACTOR of studies/tradeoff/reference.py).
-MuJoCo's RK4 at a fine step stands beside them; where it is no part of the bar, its difference is the error of its step.
+MuJoCo's RK4 at a fine step is listed, too; where it is no part of the bar, its difference is the error of its step.
 
 In water it is the limit of many segments, by Richardson's extrapolation, and half as many segments stand for ten times
 the tolerance. Second formulations are the ODE; for the closed loop of rods the DAE's one matrix of all coordinates and
@@ -259,7 +259,7 @@ def second(name: str) -> tuple[str, Array]:
 
 
 def reference(name: str) -> tuple[dict[str, Any], Array]:
-    """What the header of a reference says, and its nodes (51, N, 3) [m]."""
+    """Return the header of a reference, and its nodes (51, N, 3) [m]."""
     scene = tmj.load_scene(f"pack/{name}")
     interval = scene.duration / TIMES
     step = interval / (60 if name != "contact" else 40_000)

@@ -43,7 +43,7 @@ def markdown(rows: Sequence[Row]) -> str:
         heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
         lines += [f"## {title}", "", *texts.markdown_table(heads, [_cells(row, columns) for row in own])]
         lines += _listed("Why rows differ, or cannot be judged:", {row.statement.id: row.cause for row in own})
-        chosen = "What was chosen so that rows come out, and where values are from that the thesis lacks:"
+        chosen = "Choices made so that rows are reproduced, and origins of values that the thesis lacks:"
         lines += [*_listed(chosen, {row.statement.id: row.statement.origin for row in own}), ""]
     return "\n".join(lines)
 
@@ -57,7 +57,7 @@ def _listed(head: str, texts_of: Mapping[str, str]) -> list[str]:
 
 
 def _notices(rows: Sequence[Row]) -> str:
-    """How many numbers and statements notice an error."""
+    """Say how many numbers and statements notice an error."""
     found = [noticed(row.statement) for row in rows if row.statement.kind.is_evidence and not row.statement.unjudged]
     studied = [text for text in found if text not in (NOT_STUDIED, FORMULA)]
     left = found.count(NOT_STUDIED)

@@ -38,7 +38,7 @@ def evidence(statements: Sequence[Statement]) -> list[Statement]:
 
 
 def applies(name: str, quantity: Quantity) -> bool:
-    """Whether an experiment, a series or a study has what would be in error."""
+    """Return whether an experiment, a series or a study has the quantity that would be in error."""
     slight = Disturbance(quantity, 1.01)
     if name in EXPERIMENTS:
         scene = EXPERIMENTS[name].load()

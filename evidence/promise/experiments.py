@@ -1,6 +1,6 @@
 """Experiments on which the promise of `accuracy=` is measured: shipped scenes and random structures, drawn by seed.
 
-Those of `Kind.EVENTS` have forces with kinks and jumps besides those of slack strings: corners of tension curves,
+Those of `Kind.EVENTS` have forces with more kinks and jumps than those of slack strings: corners of tension curves,
 yields, dampers that may push, strings over pulleys, supports that follow data, and records of the ground.
 
 Random ones go from where a fixed step is easy to where it is not: strings of any stiffness, dampers that stop a
@@ -30,7 +30,7 @@ from tensegrity_mj.model.structure import Structure
 
 
 class Kind(enum.Enum):
-    """What experiments are drawn from."""
+    """Kinds of scenes that experiments are drawn from."""
 
     RANDOM = "random"  # structures of 1 to 6 rods
     SHIPPED = "shipped"  # scenes of the package, open and closed loop, all actuation modes
@@ -166,7 +166,7 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
 
 
 def _eventful(rng: np.random.Generator, sort: str) -> tuple[Scene, float, str]:
-    """The same of a scene with events of one of `SORTS`."""
+    """Draw an experiment with events of one of `SORTS`."""
     rods = int(rng.integers(1, 4))
     law = StringLaw.UNCLIPPED if sort == "pushing" else StringLaw.CLIPPED
     structure = random_structure(

@@ -1,4 +1,4 @@
-"""What `accuracy=` promises, measured: true errors, costs and doubts over many experiments that nothing was tuned to.
+"""Check of `accuracy=`: true errors, costs and doubts over many experiments that nothing was tuned to.
 
 Each experiment is drawn from a seed (`promise_experiments`), run with an accuracy, and compared with the truth and with
 the cheapest adequate setting of a sweep (`promise_truth`).
@@ -168,7 +168,7 @@ class Promise(Report):
 
     @property
     def judgement(self) -> Judgement:
-        """How often the promise was kept, and a finding a line of the summary."""
+        """Judgement of how often the promise was kept, and a finding for each line of the summary."""
         kept, cost = self.data["fractions"]["within_if_met"], self.data["fractions"]["cost"]["median"]
         verdict = f"None of {len(self.data['rows'])} experiments reported its accuracy as met."
         if kept["of"]:
@@ -251,7 +251,7 @@ def promise(
 
 
 def _broken(row: Mapping[str, Any]) -> list[str]:
-    """Which promises one experiment broke."""
+    """Name the promises that one experiment broke."""
     if row["outcome"] == "failed":
         return ["failed"]
     if row["outcome"] != "measured":
@@ -268,14 +268,14 @@ def _broken(row: Mapping[str, Any]) -> list[str]:
 
 
 def _ratios(costs: Iterable[float]) -> dict[str, Any]:
-    """How many there are, their median, what 95 % are within, and the largest."""
+    """Return the number of costs, their median, what 95 % are within, and the largest."""
     known = list(costs)
     median, most, largest = np.quantile(known or [math.nan], (0.5, 0.95, 1.0), method="higher").tolist()
     return {"of": len(known), "median": median, "most": most, "largest": largest}
 
 
 def _part(true: Any) -> dict[str, Any]:
-    """How many of how many."""
+    """Count how many of how many are true."""
     found: Sequence[bool] = [bool(one) for one in true]
     count, total = sum(found), len(found)
     return {"count": count, "of": total, "fraction": count / total if total else math.nan}

@@ -1,4 +1,4 @@
-"""What an experiment's run truly is, how well that is known, and what the cheapest adequate setting would have cost."""
+"""Reference solution of an experiment, its error, and the cost of the cheapest adequate setting."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def cheapest_of(
 
     Returns:
         One within the request, as is every finer setting of the same method that was run; and one within the request,
-        whatever finer ones are: nobody could choose it without the truth.
+        though finer ones may not be: nobody could choose it without the truth.
     """
     spacing = float(truth.run.time[1] - truth.run.time[0])
     adequate: Cheapest | None = None
@@ -157,7 +157,7 @@ def cheapest_of(
 
 
 def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterator[Iterator[tuple[Any, float]]]:
-    """For each method its engines from coarse to fine, each with the least number of evaluations that it can take."""
+    """Yield for each method its engines from coarse to fine, each with its least possible number of evaluations."""
     steps = Steps.of(replace(request, output_interval=spacing), COARSE / max(_fastest(request), 1e-300))
 
     def fixed(make: Any, evaluations: int) -> Iterator[tuple[Any, float]]:

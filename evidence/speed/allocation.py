@@ -1,4 +1,4 @@
-"""Time of one optimal allocation on the planar beam, 196 unknowns and 117 equations, beside daqp.
+"""Time of one optimal allocation on the planar beam, 196 unknowns and 117 equations, compared with daqp.
 
     python -m evidence.speed.allocation
 

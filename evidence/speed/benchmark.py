@@ -1,4 +1,4 @@
-"""Speed as ratios, measured side by side in one run: what the law, the ledger and Python cost beside bare MuJoCo.
+"""Speed as ratios, measured side by side in one run: what the law, the ledger and Python cost relative to bare MuJoCo.
 
 Each figure is the best of several interleaved repetitions, so that other load on the machine hits both sides of a
 ratio. Wall times depend on the machine; ratios hardly do.
@@ -41,7 +41,7 @@ CONTROL_PERIOD = 0.01  # s, of laws that cost more than a step
 
 @value("benchmark", OptionError)
 class Benchmark:
-    """What is measured.
+    """Options of the benchmark.
 
     Attributes:
         scenes: with a control law each.
@@ -119,7 +119,7 @@ def _seconds(call: Callable[[], object]) -> float:
 def _interleaved(bare: Callable[[], float], loop: Callable[[], float], repeats: int) -> dict[str, float]:
     """Rates per second of loops, taken in turn: the best of each, their ratio, and the median ratio of pairs.
 
-    The bare loop is as MuJoCo comes, reading a clock for its profiler; beside it, without, as our own loops are.
+    The bare loop is as MuJoCo comes, reading a clock for its profiler; in a second loop, without, as our own loops are.
     """
 
     def unclocked() -> float:
@@ -285,7 +285,7 @@ def _startup(options: Benchmark) -> dict[str, Any]:
 
 
 def lines(result: dict[str, Any]) -> list[str]:
-    """The result for people."""
+    """Return the result as lines of text."""
     timing = result["timing"]
     rates = ("steps/s", "bare MuJoCo", "ratio", "median", "no clock", "ratio")
     single = [(row["scene"], row["integrator"], row["law"], *_rates(row)) for row in timing["single"]]

@@ -1,4 +1,4 @@
-"""What a string over pulleys costs against as many strings of two nodes: `python -m evidence.speed.clustered_strings`.
+"""Cost of a string over pulleys against as many strings of two nodes: `python -m evidence.speed.clustered_strings`.
 
 A row of masses between two supports, each between springs of its own; one string runs over all of them, or one from
 each to the next. Medians of interleaved repetitions, by processor time, of runs that are `STEPS` longer than others.

@@ -1,10 +1,10 @@
-"""What the differentiable engine costs: `python -m evidence.speed.gradients`, or `--only many` and so on.
+"""Cost of the differentiable engine: `python -m evidence.speed.gradients`, or `--only many` and so on.
 
     compile     seconds to compile a run and its gradients, nothing kept from before
-    step        CPU time a step beside MuJoCo and the DAE at the same step, and of reverse derivatives over the run
+    step        CPU time a step next to MuJoCo and the DAE at the same step, and of reverse derivatives over the run
     memory      of reverse derivatives over 10,000 steps, as XLA plans it, by steps a recorded row
     many        steps a second of `simulate_many` as ratios to MuJoCo's, 1,024 prisms under their law on two threads
-    single      `--only single --count 10000`: the same runs in 32 bits on whatever device JAX finds, their rate and
+    single      `--only single --count 10000`: the same runs in 32 bits on the device that JAX finds, their rate and
                 their error; and a thousand in 64 bits
 
 Ratios are medians of interleaved turns in one process, with the least and the most.
@@ -117,7 +117,7 @@ def step_times(repeats: int, steps: int = 2000, stride: int = 10, together: int 
 
 
 def memory(steps: int = 10_000) -> None:
-    """What XLA sets aside for temporary arrays."""
+    """Print the memory that XLA sets aside for temporary arrays."""
     for name, (scene, law) in scenes().items():
         for stride in (1, 10, 100, 1000):
             wanted, last = program(scene, law, steps, stride)

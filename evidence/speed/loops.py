@@ -6,7 +6,7 @@ repetitions; the table has the median over the runs, with the smallest and the l
 system together, so that other load on the machine matters less; measure on an idle one all the same. Bare MuJoCo is
 `mj_step(nstep)` or `Batch.step` of the same model without a law, as it comes, with the clock of its profiler.
 
-`--before` takes a commit, which is checked out beside, or a folder; without it only this tree is measured.
+`--before` takes a commit, which is checked out elsewhere, or a folder; without it only this tree is measured.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def ratio(bare: Callable[[], object], ours: Callable[[], object], repeats: int) 
 
 
 class Measure:
-    """What one process measures: the prism under its law."""
+    """Measurements of one process: the prism under its law."""
 
     def __init__(self, repeats: int) -> None:
         time.perf_counter = time.process_time  # also where the package measures its own loops
@@ -104,12 +104,12 @@ class Measure:
         return found
 
     def fixed_cost(self, what: str) -> float:
-        """Of a call that makes one step [ms]."""
+        """Measure the cost of a call that makes one step [ms]."""
         scenes = [self.given(what) for _ in range(20 + self.repeats)]
         return 1e3 * statistics.median(seconds(partial(self.run, x, self.engines["RK4"], H)) for x in scenes)
 
     def save(self) -> float:
-        """Of a second of a run [ms]."""
+        """Measure the time to save a second of a run [ms]."""
         run = self.run(self.scene, self.engines["RK4"], 1.0)
         with tempfile.TemporaryDirectory() as folder:
             return 1e3 * statistics.median(
@@ -117,7 +117,7 @@ class Measure:
             )
 
     def whole_call(self, engine: Any, duration: int, what: str) -> float:
-        """Of `simulate`, set-up, recording and checks included, to bare steps; to change a scene is no part of it."""
+        """Measure `simulate`, with set-up, recording and checks, as a ratio to bare steps; scenes are not changed."""
         import mujoco
 
         model, count = engine.model(self.scene), round(duration / H)
@@ -129,7 +129,7 @@ class Measure:
         )
 
     def batches(self, engine: Any, steps: int) -> tuple[float, float]:
-        """Of a law in a batch of 1024, and of the loop of `simulate_many`, to a bare batch."""
+        """Measure a law in a batch of 1024, and the loop of `simulate_many`, as ratios to a bare batch."""
         from mujoco.batch import Batch
 
         opened, closed = (Batch(engine.model(self.scene), SIMULATIONS, 1) for _ in range(2))
@@ -150,7 +150,7 @@ class Measure:
         return ratio(bare, inside, self.repeats), many
 
     def right_hand_sides(self) -> float:
-        """Of the DAE by RK4, a second [1e6]."""
+        """Measure the right-hand sides of the DAE by RK4, a second [1e6]."""
         engine = self.tmj.DAE(method=self.tmj.Method.RK4, timestep=H)
         costs = [self.run(self.scene, engine, 5.0).cost for _ in range(self.repeats)]
         return 1e-6 * statistics.median(cost["evaluations"] / cost["wall_time"] for cost in costs)

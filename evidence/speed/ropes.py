@@ -1,4 +1,4 @@
-"""What a string with mass costs beside its segments written by hand: `python -m evidence.speed.ropes`.
+"""Cost of a string with mass against its segments written by hand: `python -m evidence.speed.ropes`.
 
 Both scenes are run in turns in one process; printed is the median of the ratios of their CPU times, and their range.
 """
@@ -24,7 +24,7 @@ def line(segments: int) -> tmj.Scene:
 
 
 def by_hand(scene: tmj.Scene) -> tmj.Scene:
-    """The same with light strings and point masses of other names, which are of no string with mass."""
+    """Return the scene with light strings and point masses of other names, which are of no string with mass."""
     own = scene.structure
     names = {name: f"p{row}" for row, name in enumerate(own.nodes)} | {name: name for name in own.fixed_nodes}
     strings = (

@@ -72,7 +72,7 @@ def accelerations(scene: tmj.Scene, engine: Any) -> np.ndarray:
      (BeamEnd.FREE, (1, 1, 1))],
 )  # fmt: skip
 def test_the_base_stands_and_the_top_moves_as_it_may(end: BeamEnd, free: tuple[int, ...]) -> None:
-    """In a high wave, over half a second; what is held keeps its place to the drift of constraints, 1e-9 m."""
+    """Hold nodes in a high wave for half a second: they keep their places to the drift of constraints, 1e-9 m."""
     scene = held(0.5, end, drag=1.0)
     run = tmj.simulate(scene, None, tmj.DAE(), duration=0.5)
     base, top = (np.abs(run.nodes[:, rows] - scene.nodes0[rows]).max(axis=(0, 1)) for rows in (range(3), range(-3, 0)))
@@ -82,7 +82,7 @@ def test_the_base_stands_and_the_top_moves_as_it_may(end: BeamEnd, free: tuple[i
 
 
 def test_a_carried_beam_rests_straight_and_a_hanging_one_where_it_hangs() -> None:
-    """In still water nothing moves. Forces of 5e3 N are found to 1e-9 of themselves; rods weigh 20 kg: 1e-6 m/s²."""
+    """Nothing moves in still water. Forces of 5e3 N are found to 1e-9 of themselves; rods weigh 20 kg: 1e-6 m/s²."""
     for weight in BeamWeight:
         for end in ALL_ENDS:
             scene = held(0.0, end, weight)
@@ -273,10 +273,10 @@ def natural(end: str) -> dict[str, Any]:
 
 
 def test_added_mass_slows_the_beams() -> None:
-    """Of long bending motions, which are transverse to all rods but by their inclination.
+    """Check long bending motions, which are transverse to all rods but by their inclination.
 
-    A rod of direction b has C_a m_w of added mass across itself: 0.5 x 8.05 kg/m beside 24.05 kg/m, times
-    what of the motion is across the rods, between half of it and all.
+    A rod of direction b has C_a m_w of added mass across itself: 0.5 x 8.05 kg/m in addition to 24.05 kg/m, times
+    the part of the motion across the rods, between half of it and all.
     """
     for end in ("guided", "clamped"):
         found = natural(end)

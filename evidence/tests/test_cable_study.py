@@ -52,7 +52,7 @@ def test_small_amplitudes_are_those_of_modal_superposition(start: Start) -> None
 
 
 def compared(frequency: float, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of markers 5 and 10, against modal superposition: the relative change of the response amplitude, and the largest
+    """Compare markers 5 and 10 with modal superposition: the relative change of the response amplitude, and the largest
     difference of the motions over half of it."""
     case = Case(SCENE, frequency, amplitude=amplitude)
     run = simulated(case)
@@ -82,7 +82,7 @@ def test_at_the_second_resonance_phases_change_as_a_squared_and_amplitudes_as_it
     u + 3 s u' = 1 + i s |u|² u, so u = 1 + i s/4 - s²/28 - 0.0045 i s³ ..., and |u| = 1 - s²/224: what is linear in a²
     is across the motion. So the motions differ by φ = s/4 ~ a² times 1 - 0.12 φ², but amplitudes by -φ²/14 ~ a⁴.
 
-    Beside these there is c a² from other modes and from the geometry, which the smallest amplitude shows. To 10 %:
+    In addition there is c a² from other modes and from the geometry, which the smallest amplitude shows. To 10 %:
     peaks are taken a quarter of a period before the end, where φ² ~ t⁶ is 6 · 0.27/45 = 4 % less; other modes are part
     of φ.
     """
@@ -101,7 +101,7 @@ def test_at_the_second_resonance_phases_change_as_a_squared_and_amplitudes_as_it
 
 @pytest.mark.parametrize("elements", [13, 121])
 def test_the_fastest_motion_is_that_of_the_linear_model(elements: int) -> None:
-    """Of (3.13), by another formulation: round-off of K rods."""
+    """Check (3.13) against another formulation: round-off of K rods."""
     scene = cable(elements, excitation=Excitation.NONE)
     assert fastest(scene) == pytest.approx(linear_model(scene).fastest, rel=1e-12 * elements)
 
@@ -148,7 +148,7 @@ def test_whirling_grows_from_a_seed_at_the_second_frequency_and_not_far_from_it(
 
 
 def test_growth_of_whirling_is_that_of_the_instability_from_a_tiny_seed() -> None:
-    """From 1e-6 and 1e-7 rad the same rates, against the slope of the peaks between ten times the seed's own swing and
+    """Expect equal rates of 1e-6 and 1e-7 rad, to the slope of the peaks between ten times the seed's own swing and
     a tenth of the motion in the plane. The measure begins with the swing, which is flat for about a fifth of the time:
     within a fifth."""
     cases = [Case(SCENE, 0.95, start=Start.LAB_FRAME, seed=seed) for seed in (1e-6, 1e-7)]

@@ -380,7 +380,7 @@ def test_a_string_that_lets_go_is_a_kink(run: tmj.Trajectory) -> None:
     assert not has_kinks(replace(run, tensions=tensions))
     assert not has_kinks(replace(run, tensions=0 * tensions))
     tensions[2, 0] = 0
-    # Where a damper would push a string has no tension, whatever the law commands.
+    # Where a damper would push a string has no tension, for any command of the law.
     assert has_kinks(replace(run, tensions=tensions, force_densities=np.ones_like(run.force_densities)))
 
 

@@ -106,7 +106,7 @@ def test_rows_say_what_was_chosen() -> None:
 
 
 def test_no_row_is_a_repeat() -> None:
-    """The same measure of the same runs against the same band is one row."""
+    """Check that the same measure of the same runs against the same band is one row."""
     requested = Counter(
         (one.needs, one.measure, json.dumps(dict(one.arguments), sort_keys=True), one.accepted)
         for one in STATEMENTS
@@ -147,9 +147,9 @@ def test_the_headline_counts_numbers_and_statements_alone() -> None:
         *[row(Class.AXIS, Verdict.DIFFERS)] * 5,
     ]
     assert summary(rows) == (
-        "3 numbers that the thesis states: 2 come out, 1 differ (1 without a known cause), 0 cannot be judged; 1 are "
-        "within 10 % of what is stated. 1 of its statements: 0 come out, 0 differ (0 without a known cause), 1 cannot "
-        "be judged"
+        "3 numbers that the thesis states: 2 are reproduced, 1 differ (1 without a known cause), 0 cannot be judged; 1 "
+        "are within 10 % of what is stated. 1 of its statements: 0 are reproduced, 0 differ (0 without a known cause), "
+        "1 cannot be judged"
     )
     found = counts_by_class(rows)
     assert (found["input"]["rows"], found["axis"]["differs"], found["number"]["within 10 %"]) == (7, 5, 1)
@@ -322,7 +322,7 @@ def test_a_bad_disturbance_is_refused() -> None:
 
 
 def test_stiffness_changes_nothing_where_the_law_sets_u() -> None:
-    """Why `applies` leaves it out: rest lengths follow from u, so forces are the same to round-off."""
+    """Check the reason for which `applies` leaves it out: rest lengths follow from u, so forces agree to round-off."""
     one = replace(EXPERIMENTS["prism"], interval=1.0)
     usual = simulate_experiment(one, EngineName.DAE)
     stiff = simulate_experiment(one, EngineName.DAE, Disturbance(Quantity.STIFFNESS, 1.1))
@@ -334,7 +334,7 @@ def test_stiffness_changes_nothing_where_the_law_sets_u() -> None:
 
 
 def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A band that takes whatever comes notices no mass, a narrow one some; a second call runs nothing."""
+    """A band that accepts any value notices no mass, a narrow one some; a second call runs nothing."""
     file = tmp_path / "table.json"
     file.write_text(json.dumps({"rows": {"5.4-uniform": {"mass": 1}, "gone": {}}}), encoding="utf-8")
     wide = replace(ROWS["6.8-similar"], accepted=Interval(0.0, 100.0))

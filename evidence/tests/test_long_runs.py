@@ -122,7 +122,7 @@ def test_drift_of_the_prism(tmp_path: Path) -> None:
 
 
 def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where a worker dies, or an engine refuses the scene."""
+    """Write the page where a worker dies, or an engine refuses the scene."""
 
     def refuse(scene: tmj.Scene, *_: object, **__: object) -> None:
         raise OptionError("it cannot")

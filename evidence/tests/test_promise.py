@@ -104,7 +104,7 @@ def test_a_number_draws_the_same_experiment_again() -> None:
 
 
 def test_random_experiments_are_drawn_over_their_whole_range() -> None:
-    """Of 300, the extremes of each uniform draw lie within 3 % of its range of its ends: (1 - .03)^300 = 1e-4."""
+    """Expect the extremes of 300 uniform draws within 3 % of the ends of their range: (1 - 0.03)^300 = 1e-4."""
     scenes = [draw(5, number).scene for number in range(300)]
     assert {len(scene.structure.rods) for scene in scenes} == set(range(1, 7))
     assert all(scene.contact is None for scene in scenes)
@@ -169,7 +169,7 @@ def test_a_measured_experiment_is_true_and_reproducible() -> None:
 
 @pytest.mark.study
 def test_the_references_agree_with_a_third_coding() -> None:
-    """Of 100 experiments: nodes and multipliers by SciPy against the reference that each run was judged by."""
+    """Compare for 100 experiments nodes and multipliers by SciPy with the reference that each run was judged by."""
     checked = apart = 0
     for number in itertools.count():
         experiment = draw(314, number)

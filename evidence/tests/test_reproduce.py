@@ -111,7 +111,7 @@ def test_known_differences_are_still_there(made: Reproduction) -> None:
 
 @pytest.mark.slow
 def test_all_rows_of_the_beam_are_reproduced_or_explained(tmp_path: Path) -> None:
-    """In the DAE; tests/engines/test_every_scene_agrees.py has MuJoCo beside it."""
+    """Run the DAE alone; tests/engines/test_every_scene_agrees.py compares MuJoCo with it."""
     found = reproduce(("4.7", "4.8", "4.9", "4.10", "4.11"), tmp_path, engines=BOTH[:1], workers=HERE)
     assert len(found.rows) > 40
     assert [one.statement.id for one in found.rows if one.verdict is Verdict.UNEXPLAINED] == []
@@ -205,7 +205,7 @@ def test_shape_of_the_beam_from_its_nodes() -> None:
 
 
 class _Fake:
-    """What the measures of shape read of a run."""
+    """Run with no more than the measures of shape read."""
 
     def __init__(self, scene: tmj.Scene, nodes: np.ndarray) -> None:
         self.scene, self.nodes = scene, nodes
@@ -448,7 +448,7 @@ def test_the_doc_counts_its_rows_by_class() -> None:
         assert f"| {kind.value} | {len(own)} | " + " | ".join(map(str, counted)) + " |" in text
         if kind.is_evidence:
             what = "numbers that the thesis states" if kind is Class.NUMBER else "of its statements"
-            assert f"{len(own)} {what}: {counted[0]} come out, {counted[1]} differ (" in text
+            assert f"{len(own)} {what}: {counted[0]} are reproduced, {counted[1]} differ (" in text
 
 
 # ---------------------------------------------------------------------------------------------------- the command

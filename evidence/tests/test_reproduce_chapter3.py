@@ -141,7 +141,7 @@ def test_what_cannot_be_judged_is_said_and_counted() -> None:
     assert counts(rows)["cannot be judged"] == len(rows)
     requested = sum(one.kind is Class.STATEMENT for one in unjudged)
     assert (
-        f"{requested} of its statements: 0 come out, 0 differ (0 without a known cause), {requested} cannot be"
+        f"{requested} of its statements: 0 are reproduced, 0 differ (0 without a known cause), {requested} cannot be"
         in summary(rows)
     )
     text = reproduction.markdown(rows)
@@ -163,7 +163,7 @@ def test_panels_of_steps_are_over_their_elements() -> None:
 
 @pytest.mark.parametrize(("failed", "start"), [([], None), ([8, 9], 103.0)])
 def test_what_did_not_complete_is_shaded(failed: list[int], start: float | None) -> None:
-    """From half of the way between the last cable that did, of 97 elements, and the first that did not, of 109."""
+    """Shade from half of the way between the last cable that completed (97 elements) and the first that did not."""
     cables = [SimpleNamespace(scene=series.hanging(K)) for K in series.ELEMENTS]
     results = SimpleNamespace(cases=cables, failed=failed, drift=np.full(10, 0.01))
     run = SeriesRun("fixed-step", "dae", results=results, seconds=(1.0,) * 10)  # type: ignore[arg-type]
@@ -198,7 +198,7 @@ def simulated_amplitudes(scene: Scene, motion: Motion | None, frequency: float, 
 
 
 def cause_of(name: str) -> str:
-    """Of the difference that a row records."""
+    """Return the cause of the difference that a row records."""
     known = ROWS[name].known
     assert known is not None
     return known.cause

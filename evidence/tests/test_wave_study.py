@@ -163,7 +163,7 @@ def test_the_six_nodes_of_an_interconnection() -> None:
 
 
 def test_rod_forces_balance_the_strings_at_the_start() -> None:
-    """In still water without weight it would be the prestress; there, rods carry -Σ of what statics finds."""
+    """Expect the prestress in still water without weight, where rods carry -Σ of what statics finds."""
     scene = tower(5).with_(gravity=(0.0, 0.0, 0.0))
     run = tmj.simulate(scene, None, engine_of("dae", 1e-2), duration=0.01)
     from tensegrity_mj.statics import find_equilibrium

@@ -1,4 +1,4 @@
-"""The ledger: what the thesis states in chapters 3 to 7 and appendix C, beside what the engines give.
+"""The ledger: what the thesis states in chapters 3 to 7 and appendix C, next to what the engines give.
 
 `experiments`, `series` and `beams` say what is run, the TOML files of `tables/` what the thesis states (a row each),
 `measures*` how it is measured, `panels`, `drawing` and `figures*` how its figures are drawn again. `runs` computes and

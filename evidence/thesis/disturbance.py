@@ -20,7 +20,7 @@ from tensegrity_mj.model.target import Target
 
 
 class Quantity(enum.Enum):
-    """What is in error.
+    """Quantities that are in error.
 
     MASS: of rods; of a hanging cable those between its ends, since one factor on all of them changes nothing there.
     STIFFNESS: of strings, at their rest lengths.
@@ -54,7 +54,7 @@ class Disturbance:
 
     @property
     def plain(self) -> list[Any]:
-        """For files and tasks."""
+        """Plain values, for files and tasks."""
         return [self.quantity.value, self.factor]
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""How the thesis' figures are drawn again: the first engine's curves as lines, the second's as circles upon them."""
+"""Drawing of the thesis' figures: the first engine's curves as lines, the second's as circles upon them."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Experiment:
         return scene.with_(target=Target.set_point(scene.target.nodes[-1]))
 
     def actuation(self) -> Actuation:
-        """What is held between evaluations of the law."""
+        """Return the actuation between evaluations of the law."""
         return Actuation.continuous() if self.period is None else Actuation.hold_force_density(self.period)
 
     def engine(self, name: EngineName) -> Any:
@@ -120,7 +120,7 @@ def cell_strings(cell: int) -> range:
 
 
 def _experiment(name: str, row: dict[str, Any]) -> Experiment:
-    """Of a row; its `cells` is the least sum of u in each cell of the beam [N/m]."""
+    """Make the experiment of a row; its `cells` is the least sum of u in each cell of the beam [N/m]."""
     if least := row.pop("cells", None):
         names = [[f"s{k + 1}" for k in cell_strings(cell)] for cell in range(1, BEAM_CELLS + 1)]
         row["options"] = {"sums": [[own, least] for own in names]}

@@ -1,4 +1,4 @@
-"""What rows of the tables measure, as expressions: `max(sums(a)) / 80`, of the row's runs a, b, c, ... in its order.
+"""Expressions that rows of the tables measure: `max(sums(a)) / 80`, of the row's runs a, b, c, ... in its order.
 
 An expression is made of numbers, texts, lists, also of `... for name in ...`, arithmetic, comparisons, indices,
 attributes of runs, and calls of the measures (`lookup.all_measures`) and of the functions below; nothing else is

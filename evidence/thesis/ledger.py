@@ -1,4 +1,4 @@
-"""The ledger: every statement beside ours, with a verdict computed from the row's tolerance."""
+"""The ledger: every statement next to our value, with a verdict computed from the row's tolerance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tensegrity_mj.runs.trajectory import Status
 
 
 class Verdict(enum.Enum):
-    """What became of a statement."""
+    """Verdicts on statements."""
 
     UNJUDGED = "cannot be judged"
     REPRODUCED = "reproduced"
@@ -53,7 +53,7 @@ class Row:
 
     @property
     def cause(self) -> str:
-        """Why ours differs, or cannot be judged; "" where it is reproduced."""
+        """Reason for which ours differs, or cannot be judged; "" where it is reproduced."""
         if self.verdict is Verdict.REPRODUCED:
             return ""
         if self.verdict is Verdict.UNJUDGED:
@@ -67,7 +67,7 @@ class Row:
 
     @property
     def is_within_ten_percent(self) -> bool:
-        """Whether ours is in every engine within 10 % of the number that is stated, or of its range."""
+        """True where ours is in every engine within 10 % of the number that is stated, or of its range."""
         values = [cell.value for cell in self.cells.values() if not math.isnan(cell.value)]
         return bool(values) and all(self.statement.is_within(value, 0.1) for value in values)
 

@@ -1,4 +1,4 @@
-"""What the rows and the figures of chapters 4 to 6 measure of a trajectory. Times in s, lengths in m, u in N/m."""
+"""Measures that chapters 4 to 6 take of a trajectory. Times in s, lengths in m, u in N/m."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def sums(run: Trajectory) -> Array:
 
 
 def times_off(run: Trajectory, bound: float) -> list[tuple[float, float]]:
-    """From when to when the sum of all u is above its bound by more than a thousandth."""
+    """Return the times from and to which the sum of all u is above its bound by more than a thousandth."""
     above = np.concatenate([[False], sums(run) > bound * (1.0 + 1e-3), [False]])
     turns = np.flatnonzero(above[1:] != above[:-1])
     return [(float(run.time[a]), float(run.time[b - 1])) for a, b in zip(turns[::2], turns[1::2], strict=True)]
@@ -153,7 +153,7 @@ def error_dynamics(run: Trajectory) -> float:
 
 
 def time_off(run: Trajectory, bound: float, number: int, end: int) -> float:
-    """When [s] the sum leaves its bound (end 0) or is back on it (1), for the time of that number from 0."""
+    """Return when [s] the sum leaves its bound (end 0) or is back on it (1), for the time of that number from 0."""
     found = times_off(run, bound)
     return found[number][end] if number < len(found) else math.nan
 
@@ -180,7 +180,7 @@ def coordinates_go_astray(run: Trajectory) -> bool:
 
 
 def least_norms(run: Trajectory) -> bool:
-    """Whether along the run each law's u has the least of its own norm."""
+    """Return whether along the run each law's u has the least of its own norm."""
     laws = {p: from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
     for k in range(0, len(run.time), 50):
         state = run.time[k], run.nodes[k], run.velocities[k]

@@ -15,7 +15,7 @@ from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.pictures.page import data_url, page_of, table_of
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
-CLASSES = ("class", "rows", "come out", "differ", "cannot be judged")  # heads of `class_rows`
+CLASSES = ("class", "rows", "reproduced", "differ", "cannot be judged")  # heads of `class_rows`
 # Classes of the page's rows.
 KINDS = {
     Verdict.UNJUDGED: "open",
@@ -26,12 +26,12 @@ KINDS = {
 
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
-    """How many rows there are of each verdict."""
+    """Count the rows of each verdict."""
     return {verdict.value: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
 
 
 def counts_by_class(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
-    """The same for each class; of numbers also how many are within 10 % of what is stated."""
+    """Count the verdicts of each class; of numbers also how many are within 10 % of what is stated."""
     found = {}
     for kind in Class:
         own = [row for row in rows if row.statement.kind is kind]
@@ -49,7 +49,7 @@ def summary(rows: Sequence[Row]) -> str:
         found = counts(own)
         differ = [row for row in own if row.verdict is Verdict.DIFFERS]
         unknown = sum(row.statement.known is not None and not row.statement.known.is_explained for row in differ)
-        text = f"{len(own)} {what}: {found[Verdict.REPRODUCED.value]} come out, {len(differ)} differ"
+        text = f"{len(own)} {what}: {found[Verdict.REPRODUCED.value]} are reproduced, {len(differ)} differ"
         text += f" ({unknown} without a known cause), {found[Verdict.UNJUDGED.value]} cannot be judged"
         if kind is Class.NUMBER:
             text += f"; {sum(row.is_within_ten_percent for row in own)} are within 10 % of what is stated"

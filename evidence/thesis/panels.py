@@ -37,7 +37,7 @@ def panels_of_curves(
 
     Args:
         names: of its runs.
-        note: below the panels, besides the engines that have one of the runs.
+        note: below the panels, in addition to the engines that have one of the runs.
         height, width: of a panel [inches].
     """
     figure, grid = drawing.panels(len(panels), len(panels[0]), height, width)

@@ -40,7 +40,7 @@ PAGE, DATA = "reproduction.html", "reproduction.json"
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """What came out.
+    """Result of a reproduction.
 
     Attributes:
         rows: a row for each statement.
@@ -74,7 +74,7 @@ def reproduce(
     Args:
         figures: numbers of figures or chapters; all where none is given.
         out: folder, made if absent: reproduction.html, reproduction.json, figures/ and runs/.
-        engines: the columns of the ledger, each beside the rows that it computes; figures of motions show the
+        engines: the columns of the ledger, each with the rows that it computes; figures of motions show the
             first as lines and the second as circles.
         disturbance: one quantity of the plant, or the gain of the law, is in error: a check that rows can turn red.
         picture_format: of the figures' files: png, svg or pdf (the page always holds PNG).
@@ -188,7 +188,7 @@ def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Co
 
 
 def _apart(run: Any, first: Any) -> float | None:
-    """How far a run is from that of the first engine [m]; None where there is nothing to compare."""
+    """Return the distance of a run from that of the first engine [m]; None where there is nothing to compare."""
     if run is None or first is None or run is first:
         return None
     if not isinstance(run, Trajectory):

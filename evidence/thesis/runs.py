@@ -22,7 +22,7 @@ from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import RunOptions, run_many
 
 STAMP = "reproduction"  # the key of a run's provenance that states what it is a run of
-# What simulates, besides the laws: plots, pages and commands may change without a run becoming another one.
+# Sources that simulate, as laws do: plots, pages and commands may change without a run becoming another one.
 CODE = (
     "basics/*.py",
     "model/**/*.py",
@@ -43,7 +43,7 @@ class Computed:
 
 @dataclass(frozen=True, eq=False)
 class StudyRun:
-    """What a series or a study found in one engine.
+    """Results of a series or a study in one engine.
 
     Attributes:
         name, engine: of the study, and in words.
@@ -131,7 +131,7 @@ def compute(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def stamp(name: str, engine: EngineName, disturbance: Disturbance | None) -> dict[str, Any]:
-    """What a file must say of itself to be this run: settings, scene, versions, and the code that simulates."""
+    """Return the stamp of a file of this run: settings, scene, versions, and the code that simulates."""
     experiment = experiment_of(name)
     scene = scene_to_toml(disturbed(experiment.load(), disturbance))
     return {

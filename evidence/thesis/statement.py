@@ -1,4 +1,4 @@
-"""What the thesis states: a row of the tables, its class, its value, and how near ours must come."""
+"""Statements of the thesis: a row of the tables, its class, its value, and how near ours must come."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Runs = Mapping[str, Any]
 
 
 class Class(enum.Enum):
-    """What kind of evidence a row is.
+    """Classes of rows, by the kind of evidence.
 
     NUMBER: a value that stands in the thesis' text, in a caption or in a table, and that nothing here was given.
     STATEMENT: a sentence of the thesis that can be true or false.
     AXIS: a curve of ours fits the axes of the thesis' figure, whose ticks are in its text.
     INPUT: an echo of what was put in, or what is true by construction of scene, law or engine.
-    CALIBRATED: a start, a seed or a parameter was chosen so that the figure or the sentence comes out.
+    CALIBRATED: a start, a seed or a parameter was chosen so that the figure or the sentence is reproduced.
     INDEPENDENT: the value comes from another coding of the same equations, and stands nowhere in the thesis.
     """
 
@@ -39,7 +39,7 @@ class Class(enum.Enum):
 
     @property
     def is_evidence(self) -> bool:
-        """Whether rows of this class count in the headline."""
+        """True where rows of this class count in the headline."""
         return self in (Class.NUMBER, Class.STATEMENT)
 
 
@@ -74,14 +74,14 @@ TEXTS = many(text(), "a list of texts in quotes")
 
 @value("differs", FormatError)
 class KnownDifference:
-    """What ours is where it differs, and why, as far as it is known: a difference of another size has another cause."""
+    """Range of ours where it differs, and its cause, if known: a difference of another size has another cause."""
 
     cause: str = field(text())
     ours: Interval = field(ENDS)
 
     @property
     def is_explained(self) -> bool:
-        """Whether a cause is known."""
+        """True where a cause is known."""
         return not self.cause.startswith(NO_CAUSE)
 
 
@@ -101,12 +101,12 @@ class Statement:
         tolerance: why these.
         needs: names of the experiments, series and studies that the measure is given, in order.
         measure: name of a function of the modules of measures, or an expression, see `expression`.
-        arguments: that a function is given by name besides.
+        arguments: further ones that a function is given by name.
         unit: of our value.
         value: the number as it is stated, in that unit, or the ends of the range that is stated; () where none is.
         printed: the digits as they stand in the thesis, of a number.
         line: of the thesis' text where they stand, counted from 1; 0 where none is given.
-        origin: what was chosen so that a calibrated row comes out, or where an independent value is from, or "".
+        origin: what was chosen so that a calibrated row is reproduced, or where an independent value is from, or "".
         known: the difference that is known, or None.
         engines: that it can be judged in; () for all.
         unjudged: why it cannot be judged at all, or "".
@@ -141,16 +141,16 @@ class Statement:
 
     @property
     def chapter(self) -> str:
-        """What stands before the first dot of the id: "3" to "7", or "C"."""
+        """Chapter of the statement, before the first dot of its id: "3" to "7", or "C"."""
         return self.id.partition(".")[0]
 
     @property
     def columns(self) -> tuple[EngineName, ...]:
-        """The engines beside which it stands, judged in them or not: those of statics for what is about statics."""
+        """Engines in whose columns it stands, judged in them or not: those of statics for what is about statics."""
         return OF_EQUILIBRIUM if EngineName.STATICS in self.engines else OF_MOTION
 
     def is_within(self, ours: float, part: float) -> bool:
-        """Whether a value of ours is no further than a part from the number that is stated, or within its range."""
+        """Return whether a value of ours is at most a part away from the number that is stated, or within its range."""
         if not self.value:
             return False
         low, high = min(self.value), max(self.value)

@@ -18,7 +18,7 @@ def counts(text: str) -> tuple[int, ...]:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Measure, and say what came out."""
+    """Measure the speed, and return the result as text."""
     from evidence.speed.benchmark import Benchmark, lines, run_benchmark
 
     settings = Benchmark(

@@ -1,4 +1,4 @@
-"""What §7.2.3's study leaves open, what its result should not depend on, and how far its engines are apart."""
+"""Cases that §7.2.3's study leaves open, that its result should not depend on, and the distance of its engines."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def point(tower: Tower) -> dict[str, Any]:
 
 
 def agreement(tower: Tower, steps: Sequence[float], rtol: float) -> list[float]:
-    """How far MuJoCo's nodes [m] are from those of the DAE with error control, for each of these steps [s]."""
+    """Return the largest distance of MuJoCo's nodes [m] from those of the DAE with error control, for each step [s]."""
     scene = tower_in_waves(**tower)
     kept = {"duration": DURATION, "output_interval": max(steps)}
     reference = tmj.simulate(scene, None, tmj.DAE(rtol=rtol, atol=1e-2 * rtol), **kept)

@@ -1,4 +1,4 @@
-"""What is computed of the beams of appendix C and the tower of §7.2.3: tasks of `run_many`, plain values in and out.
+"""Computations on the beams of appendix C and the tower of §7.2.3: tasks of `run_many`, plain values in and out.
 
 A beam is named by its row of Table C.2, with a star where its springs are what the rest of the table needs: "TB6*".
 A point may have a "disturbance", plain as `disturbance_of` takes it.
@@ -93,7 +93,7 @@ def _places(index: dict[str, int], names: Sequence[str]) -> NDArray[np.int64]:
 
 
 def confirmed(point: dict[str, Any]) -> dict[str, Any]:
-    """The same of MuJoCo's own equations, by central differences of its forces; rods are rigid."""
+    """Compute the stiffness by MuJoCo's own equations, from central differences of its forces; rods are rigid."""
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.linearization.chart import Chart
     from tensegrity_mj.statics.engines import AtRest
@@ -152,7 +152,7 @@ def compression(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def imperfect(point: dict[str, Any]) -> dict[str, Any]:
-    """The same beam, with a small load across its middle, as far as it goes after it has buckled."""
+    """Follow the beam with a small load across its middle, as far as it goes after it has buckled."""
     state = standing(point)
     scene = state.model.scene.with_(loads=tuple(Load(key, (0.0, 0.0, IMPERFECTION / len(MIDDLE))) for key in MIDDLE))
     held = StaticModel.of(scene, rods=Rods.ELASTIC, nodes=state.nodes, holds=(Hold(BASE), Hold(TOP)))

@@ -1,4 +1,4 @@
-"""What is computed of the beams of appendix C.2 in waves: tasks of `run_many`, plain values in and out.
+"""Computations on the beams of appendix C.2 in waves: tasks of `run_many`, plain values in and out.
 
 A point has "beam", arguments of `beam_in_waves` with enums by their values, and may have "timestep" [s] and "engine",
 "dae" (the default) or "mujoco", both with classical Runge-Kutta steps.
@@ -48,7 +48,7 @@ def in_waves(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def measured(run: Trajectory) -> dict[str, Any]:
-    """What is found in a run over its last `WATCHED` seconds, and how it differs from as many periods before."""
+    """Measure a run over its last `WATCHED` seconds, and how it differs from as many periods before."""
     scene, period = run.scene, 2 * math.pi / float(sea_of(run.scene).frequency[0])
     stages = len(scene.structure.rods) // 3
     centres = run.nodes.reshape(len(run.time), stages, 6, 3).mean(axis=2)

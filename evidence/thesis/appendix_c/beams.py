@@ -24,14 +24,14 @@ Values = Mapping[str, Any]
 BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
 BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
 HEIGHTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # m, of the waves of C.2's text
-SOURCES = ("statics/*.py", "thesis/appendix_c/beam_tasks.py")  # what decides what these studies find, besides engines
+SOURCES = ("statics/*.py", "thesis/appendix_c/beam_tasks.py")  # decide these studies' results, as engines do
 FILE = Path(__file__).parents[1] / "tables" / "studies.toml"
 MODULES = {"beam_tasks": beam_tasks, "beam_wave_tasks": beam_wave_tasks, "tower_wave_tasks": tower_wave_tasks}
 
 
 @dataclass(frozen=True, eq=False)
 class BeamRun(StudyRun):
-    """What a study found in one engine.
+    """Results of a study in one engine.
 
     Attributes:
         ...: those of `StudyRun`.
@@ -49,7 +49,7 @@ class BeamRun(StudyRun):
 
 @dataclass(frozen=True)
 class BeamStudy:
-    """What is computed.
+    """Definition of a study of beams.
 
     Attributes:
         name: unique among series and experiments.
@@ -57,7 +57,7 @@ class BeamStudy:
         points: what the task is given, by the name of its values.
         tasks: a function of `beam_tasks` for each engine that computes it.
         of_mujoco: the points that MuJoCo computes; all of them where none are given.
-        sources: of the package, by patterns: what else decides what is found, besides engines and statics.
+        sources: of the package, by patterns: what else decides the results, in addition to engines and statics.
     """
 
     name: str
@@ -69,7 +69,7 @@ class BeamStudy:
 
     @property
     def engines(self) -> tuple[EngineName, ...]:
-        """That compute it."""
+        """Engines that compute the study."""
         return tuple(self.tasks)
 
     def compute(
@@ -102,7 +102,7 @@ def wave_label(beam: str, height: float) -> str:
 
 
 def _study(name: str, row: Mapping[str, Any]) -> BeamStudy:
-    """Of a row of the table, whose tasks are functions of `MODULES` by their names."""
+    """Make the study of a row of the table, whose tasks are functions of `MODULES` by their names."""
     places = {EngineName(engine): place.partition(".") for engine, place in row["tasks"].items()}
     tasks = {engine: getattr(MODULES[module], task) for engine, (module, _, task) in places.items()}
     more = {key: tuple(row.get(key, ())) for key in ("of_mujoco", "sources")}

@@ -1,4 +1,4 @@
-"""What the rows of appendix C measure on its beams.
+"""Measures that the rows of appendix C take of its beams.
 
 C.1: stiffness [kN/m], stress [MPa], buckling, slack strings. C.2: how much beams swing in waves, whose amplitude is the
 largest of any stage along the waves, half the distance from its lowest to its highest place.
@@ -23,7 +23,7 @@ DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled
 
 
 class Buckling(NamedTuple):
-    """Where the stiffness drops: deformation [m] and load [kN]; NaN where it does not."""
+    """Point at which the stiffness drops: deformation [m] and load [kN]; NaN where it does not."""
 
     deformation: float
     load: float
@@ -35,7 +35,7 @@ def initial(run: BeamRun, beam: str, axis: int = 0) -> float:
 
 
 def anisotropy(run: BeamRun, beam: str) -> float:
-    """Of the stiffness across the beam at zero load: the most of any direction over the least, less one."""
+    """Return the anisotropy of the stiffness across the beam at zero load: the largest over the least, less one."""
     values = np.linalg.eigvalsh(run.of(beam, "stiffness")[1:, 1:])
     return float(values[-1] / values[0] - 1.0)
 
@@ -46,7 +46,7 @@ def spread(values: Sequence[float]) -> float:
 
 
 def rises(values: Sequence[float] | Array) -> bool:
-    """Whether each is larger than the one before."""
+    """Return whether each value is larger than the one before."""
     return bool(np.all(np.diff(values) > 0))
 
 
@@ -56,7 +56,7 @@ def stiffness(run: BeamRun, label: str) -> Array:
 
 
 def buckling(run: BeamRun, label: str) -> Buckling:
-    """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
+    """Find where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
     K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))
     k = _stiff_points(run, label)
     if k == len(K):
@@ -72,7 +72,7 @@ def stiffest_before(run: BeamRun, label: str) -> float:
 
 
 def _stiff_points(run: BeamRun, label: str) -> int:
-    """How many points there are before it buckles."""
+    """Return the number of points before the beam buckles."""
     K = stiffness(run, label)
     gone = np.flatnonzero(run.of(label, "turned") | (K / K[0] < DROPPED))
     return int(gone[0]) if len(gone) else len(K)
@@ -122,7 +122,7 @@ def euler_load() -> float:
 
 
 def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stiffness is higher from one to the next at every deformation."""
+    """Return whether the stiffness is higher from one to the next at every deformation."""
     return all(
         bool(np.all(np.interp(run.of(a, "w"), run.of(b, "w"), stiffness(run, b)) > stiffness(run, a)))
         for a, b in itertools.pairwise(labels)
@@ -144,12 +144,12 @@ def amplitude(run: BeamRun, beam: str, height: float) -> float:
 
 
 def swings_grow(run: BeamRun, heights: Sequence[float]) -> bool:
-    """Whether every beam swings more in higher waves."""
+    """Return whether every beam swings more in higher waves."""
     return all(rises([amplitude(run, beam, height) for height in heights]) for beam in BY_PRESTRESS)
 
 
 def falls(run: BeamRun, height: float) -> bool:
-    """Whether beams swing less the more they are prestressed."""
+    """Return whether beams swing less the more they are prestressed."""
     return rises([-amplitude(run, beam, height) for beam in BY_PRESTRESS])
 
 

@@ -1,6 +1,6 @@
 """The figures of chapter 3, drawn again: the rigid bar cable's amplitudes, frequencies and drift.
 
-The thesis draws experiments and ABAQUS beside its own model; their data are not in it. In their place stand both
+The thesis draws experiments and ABAQUS as well as its own model; their data are not in it. In their place stand both
 starts (at rest in the lab frame and in the moving frame), between which the thesis leaves the choice open.
 """
 

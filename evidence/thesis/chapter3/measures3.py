@@ -1,4 +1,4 @@
-"""What the statements of chapter 3 measure on runs of the cable: amplitudes and peaks about its eigenfrequencies."""
+"""Measures that chapter 3 takes of runs of the cable: amplitudes and peaks about its eigenfrequencies."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ def largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) 
 
 
 def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
-    """Whether a peak is in a range [Hz], or `BESIDE` it."""
+    """Return whether a peak is in a range [Hz], or `BESIDE` it."""
     return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
 
 
 def other_peaks(run: SeriesRun, marker: int, frequency: float) -> int:
-    """How many main peaks there are besides the largest at an input frequency [Hz]."""
+    """Return the number of main peaks without the largest, at an input frequency [Hz]."""
     return len(run.peaks(marker)[int(np.argmin(np.abs(run.cases.frequencies - frequency)))]) - 1
 
 
@@ -110,7 +110,7 @@ def elements_of(run: SeriesRun) -> Array:
 
 
 def first_beyond(run: SeriesRun) -> float:
-    """From how many elements on cases did not complete, half of the way to the one before; NaN where all did."""
+    """Return the number of elements from which on cases failed, half of the way to the one before; NaN for none."""
     failed = run.cases.failed
     return float(elements_of(run)[failed[0]]) - 6.0 if failed else math.nan
 
@@ -141,6 +141,6 @@ def violence(run: SeriesRun) -> float:
 
 
 def drift_falls(run: SeriesRun) -> bool:
-    """Whether the drift of the models that ran falls with the number of elements."""
+    """Return whether the drift of the models that ran falls with the number of elements."""
     drift = run.cases.drift[~np.isnan(run.cases.drift)]
     return len(drift) > 1 and bool(drift[-1] < drift[0])

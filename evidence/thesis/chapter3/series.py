@@ -92,7 +92,7 @@ class SeriesRun(StudyRun):
 
 @value("series {name!r}", FormatError)
 class Series:
-    """What is run.
+    """Definition of a series of runs.
 
     Attributes:
         name: unique among series and experiments.
@@ -122,7 +122,7 @@ class Series:
 
     @property
     def frequencies(self) -> tuple[float, ...]:
-        """Of the excitations [Hz]: from the first of `inputs` to the last, 0.05 Hz apart."""
+        """Frequencies of the excitations [Hz]: from the first of `inputs` to the last, 0.05 Hz apart."""
         first, last = (round(one / SPACING) for one in self.inputs)
         return tuple(round(SPACING * k, 2) for k in range(first, last + 1))
 
@@ -189,7 +189,7 @@ def oscillations(point: dict[str, Any]) -> dict[str, Any]:
 def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, ...]:
     """Wall time [s] of each run, the least of two, one after another; NaN for one that did not complete.
 
-    Times are no part of a study's results, which are the same on every machine; they are kept beside it.
+    Times are no part of a study's results, which are the same on every machine; they are kept in a file next to it.
     """
     if path.is_file():
         try:

@@ -1,4 +1,4 @@
-"""What the rows of chapter 7 measure: the tower before and after form-finding, and in waves (§7.2.3)."""
+"""Measures that chapter 7 takes of the tower before and after form-finding, and in waves (§7.2.3)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def grid(run: BeamRun, name: str = "largest") -> Array:
 
 
 def cyclic(run: BeamRun, label: str) -> float:
-    """How much the largest D of the last periods differ, over their mean."""
+    """Return the spread of the largest D of the last periods, over their mean."""
     time, D = run.of(label, "time"), run.of(label, "D")
     period = run.values[label]["period"]
     largest = [D[(time > time[-1] - (n + 1) * period) & (time <= time[-1] - n * period)].max() for n in range(PERIODS)]
@@ -49,11 +49,11 @@ def cyclic(run: BeamRun, label: str) -> float:
 
 
 def _afloat(run: BeamRun, label: str) -> bool:
-    """Whether the axis was below the surface and then is about it."""
+    """Return whether the axis was below the surface and then is about it."""
     height = run.of(label, "height")
     return bool(height[0] < -0.9 and abs(height[-len(height) // 8 :].mean()) < 0.5)
 
 
 def floats_and_repeats(run: BeamRun) -> bool:
-    """Whether the tower comes to float, and its motion to repeat, in all cases."""
+    """Return whether the tower comes to float, and its motion to repeat, in all cases."""
     return all(cyclic(run, label) < LIKE and _afloat(run, label) for label in run.values)
