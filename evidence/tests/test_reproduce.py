@@ -400,6 +400,15 @@ def test_a_second_call_computes_nothing_and_damage_is_repaired(tmp_path: Path, m
     assert call(HEAVY)[0] == ["prism"]
 
 
+def test_the_digest_of_the_code_reads_all_that_simulates(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: set[Path] = set()
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.add(path) or b"")
+    runs.code_digest.__wrapped__()
+    # One file of each place: kinds, scenes, equations, engines, families, `simulate`, laws, cables.
+    wanted = ("kinds", "scene", "assembly", "located", "prism", "single", "lyapunov", "amplitude")
+    assert set(wanted) <= {path.stem for path in read}
+
+
 def test_an_interrupt_says_what_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt

@@ -150,7 +150,7 @@ def code_digest(others: tuple[str, ...] = ()) -> str:
     from tensegrity_mj import controllers, simulation
 
     package, laws, evidence = (
-        Path(str(simulation.__file__)).parent,
+        Path(str(simulation.__file__)).parents[1],
         Path(str(controllers.__file__)).parent,
         Path(__file__).parents[1],
     )
