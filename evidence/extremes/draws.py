@@ -136,7 +136,7 @@ def resisted(rng: Rng) -> Experiment:
         initial_velocities=random_velocities(rng, structure, structure.positions, speed),
         resistance=Resistance(viscous, bending, drag, wind),
     )
-    # Of a rod alone: a fluid's decay, 12 of it in turning about its middle, and a joint's moment over m ℓ² / 12.
+    # For a rod alone: a fluid's decay, 12 of it in turning about its middle, and a joint's moment over m ℓ² / 12.
     masses, lengths = structure.rod_masses, structure.rod_lengths
     faster = speed + float(np.linalg.norm(wind))
     by_length = viscous + (0.0 if drag is None else 0.5 * drag.density * drag.normal * 0.02 * faster)

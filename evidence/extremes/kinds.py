@@ -35,7 +35,7 @@ from tensegrity_mj.model.target import Target
 
 
 def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
-    """Mostly in motion, sometimes displaced, under gravity or loads."""
+    """Draw a scene, mostly in motion, sometimes displaced, under gravity or loads."""
     return random_scene(
         rng,
         structure,

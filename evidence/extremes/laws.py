@@ -25,7 +25,7 @@ def _raising(u: Array) -> Any:
     return forces["no such string"]
 
 
-# What a law returns from some time on in place of u (M,).
+# Values that a law returns from some time on in place of u (M,).
 MISTAKES: dict[str, Callable[[Array], Any]] = {
     "NaN for one string": _one_string(np.nan),
     "NaN for all": lambda u: u * np.nan,

@@ -73,7 +73,7 @@ def _run(setup: Setup, engine: MuJoCo) -> Trajectory:
 
 
 def _trajectory(setup: Setup, times: Array, nodes: Array) -> Trajectory:
-    """Only the nodes are known; the rest is zero."""
+    """Make a trajectory of which only the nodes are known; the rest is zero."""
     scene = setup.experiment.scene
     sizes = sizes_of(scene, len(times))
     arrays: dict[str, Any] = {name: np.zeros([sizes[one] for one in own]) for name, (own, _, _) in VARIABLES.items()}

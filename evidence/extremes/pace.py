@@ -80,7 +80,7 @@ def mobility(structure: Structure, nodes: Array) -> Any:
     bodies = Bodies.of(structure)
     motion = motion_of_bodies(bodies, nodes)
     count = len(bodies.length)
-    # Of each rod's two ends, whoever else has a node there; then of the nodes of other bodies.
+    # For each rod's two ends, all others with a node there; then for the nodes of other bodies.
     slides = (bodies.E @ motion.inverse[:, :3])[:count]
     ends = slides + bodies.ends.T[..., None, None] * (motion.T @ motion.inverse[:, 3:])[:count]
     others = np.flatnonzero((bodies.body >= count) & (bodies.body < len(bodies.mass)))

@@ -79,7 +79,7 @@ class Setup:
 
 
 def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
-    """Everything about a run of a kind.
+    """Draw the setup of a run of a kind.
 
     Raises:
         TensegrityError: where the scene that was drawn is refused.

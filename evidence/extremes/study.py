@@ -23,7 +23,7 @@ FORMAT = 1
 PAGE = "extremes.html"  # what a folder holds
 EXPENSIVE = (Kind.LONG, Kind.LARGE)
 ONE_IN = 250  # of the expensive kinds
-# What must hold, as parts of all runs.
+# Limits that must hold, as parts of all runs.
 LEAST_RIGHT, MOST_FALSE_REFUSALS = 0.6, 0.05
 MEANINGS = {
     Verdict.UNDETECTED: "Completed without a warning and wrong, a traceback, NaN, or a message that does not help.",

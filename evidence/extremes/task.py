@@ -1,4 +1,4 @@
-"""One extreme run: drawn from its seed, made, judged."""
+"""Task of the study: draw one extreme run from its seed, make it, and judge it."""
 
 from __future__ import annotations
 

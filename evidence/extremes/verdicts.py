@@ -44,7 +44,7 @@ class Judgement:
         return plain_values(self, "verdict", "cause")
 
 
-# What a message must have. A remedy says what to do, or what a value must be.
+# Parts that a message must have. A remedy says what to do, or what a value must be.
 _TIME = re.compile(r"\bt = [-+.\de]+ s")
 _VALUE = re.compile(r"\d|'[^']+'")
 _REMEDY = re.compile(

@@ -175,7 +175,7 @@ def hash_of(text: str) -> int:
 
 
 def record() -> dict[str, Any]:
-    """Everything, by key."""
+    """Compute all records, by key."""
     found: dict[str, Any] = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

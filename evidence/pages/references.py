@@ -71,7 +71,7 @@ def upright_rod(rtol: float, mass: float = 1.0) -> Array:
         """Rest lengths until the next sample."""
         wanted = inertia * (-(frequency**2) * (angle - goal) - 2 * damping * frequency * rate)
         needed, arm = wanted - mass * gravity / 2 * np.sin(angle), arms(angle)
-        # Of all u >= least that give the moment, the one of least squares: both free, or either at its least.
+        # Among all u >= least that give the moment, the one of least squares: both free, or either at its least.
         choices = [arm * needed / (arm @ arm)]
         for held in (0, 1):
             u = np.full(2, least)
@@ -218,7 +218,7 @@ def bouncing_mass(rtol: float, mass: float = 1.0) -> Array:
     return found
 
 
-# What moves in a scene, by equations of its own.
+# Equations of motion of each scene, written by hand.
 OWN: dict[str, tuple[Callable[..., Array], tuple[str, ...]]] = {
     "closed_loop": (upright_rod, ("tip",)),
     "contact": (bouncing_rod, ("tip",)),

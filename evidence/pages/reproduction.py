@@ -69,7 +69,7 @@ def _notices(rows: Sequence[Row]) -> str:
 
 
 def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
-    """One line of the table, with a column for each engine; for those that the row has by default."""
+    """Return one line of the table, with a column for each engine; by default for those that the row has."""
     return texts.markdown_row(_cells(row, list(row.cells) if engines is None else engines))
 
 

@@ -49,7 +49,7 @@ COLUMNS = {
 
 
 def measure(point: Mapping[str, Any]) -> dict[str, Any]:
-    """One experiment: request, report, truth and cost. The task of `run_many`."""
+    """Measure one experiment: request, report, truth and cost. The task of `run_many`."""
     from evidence.promise.experiments import ENGINES, draw
     from evidence.promise.truth import RESOLVED, cheapest_of, truth_of
     from tensegrity_mj.dynamics.native.law import native_law

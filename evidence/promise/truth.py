@@ -28,7 +28,7 @@ DIVISIONS = [1, *(m * 2**p for p in range(30) for m in (2, 3))]  # 1, 2, 3, 4, 6
 TOLERANCES = tuple(10.0**-e for e in range(3, 14))
 FINER = 4.0  # times the evaluations of a setting: so far finer ones are run, to see that it was no luck
 RESOLVED = 0.1  # of the request: what two references may differ by
-# Of DOP853, from the tightest: a jump of forces, where a damped string comes taut, can stop the tightest ones.
+# Tolerances of DOP853, from the tightest: a jump of forces, as a damped string comes taut, can stop the tightest ones.
 TIGHT = (1e-13, 1e-12, 1e-11, 1e-10)
 COARSE = 4.0  # rad or time constants a step, with which sweeps begin
 FINE = 0.25  # the same of RK4 as a reference, which begins with it

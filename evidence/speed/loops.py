@@ -180,7 +180,7 @@ def start(environment: dict[str, str]) -> tuple[float, float]:
 
 
 def one_run(package: Path, cache: Path, repeats: int, cold: bool) -> dict[str, float]:
-    """One separate run of one tree: start-up, then a process that measures the rest."""
+    """Measure one tree once: start-up, then a process that measures the rest."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     environment |= {"PYTHONPATH": str(package), "NUMBA_CACHE_DIR": str(cache), "PYTHONSAFEPATH": "1"}
     found = {}

@@ -55,7 +55,7 @@ def ended(result: tmj.Trajectory | None = None, error: BaseException | None = No
     return Attempt(result, error, warned)
 
 
-# What is drawn -------------------------------------------------------------------------------------------
+# Draws -------------------------------------------------------------------------------------------
 
 
 def drawn(kind: Kind, count: int = 12) -> list[Experiment]:
@@ -179,7 +179,7 @@ def test_engines_are_those_that_take_the_scene() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", MEMBERS, ids=lambda kind: kind.name.lower())
 def test_runs_of_new_members_are_held_against_another_formulation(kind: Kind) -> None:
-    """None is wrong without a warning or stopped without need, and most are right: within their own error bound."""
+    """Expect none wrong without a warning or stopped without need, and most right: within their own error bound."""
     found = [task.run_extreme({"kind": kind.name, "number": n, "seed": 12, "autoreset": False}) for n in range(3)]
     verdicts = [one["verdict"] for one in found]
     assert set(verdicts) <= {"right", "warned", "stopped"}, [one["cause"] for one in found]
@@ -224,7 +224,7 @@ def test_the_mixture_has_few_expensive_runs_and_all_others_in_turn() -> None:
     assert max(counts) - min(counts) <= 1
 
 
-# How fast a scene is -------------------------------------------------------------------------------------
+# Pace of a scene -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -285,7 +285,7 @@ def test_the_pace_of_a_large_structure_is_close_to_exact(monkeypatch: pytest.Mon
     assert pace(scene).vibration == pytest.approx(exact.vibration, rel=0.1)
 
 
-# How a run is judged -------------------------------------------------------------------------------------
+# Judgement of a run -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -509,7 +509,7 @@ def test_a_reset_behind_ones_back_shows() -> None:
 
 
 def test_a_stable_loop_by_hand_is_as_good_as_the_engine() -> None:
-    # What the test of the test counts is the loop's silence, not its own mistakes.
+    # The test of the test counts the loop's silence, not its own mistakes.
     scene = conservative(tmj.load_scene("prism"), 0)
     here = pace(scene)
     step = 0.1 / here.vibration
@@ -644,7 +644,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(["audit", "extremes", "--workers", "0"]) == 2
 
 
-# What the study found ------------------------------------------------------------------------------------
+# Results of the study ------------------------------------------------------------------------------------
 
 
 def flail(reach: float) -> tmj.Scene:

@@ -57,7 +57,7 @@ def test_a_number_has_its_digits_its_line_and_a_band_about_it() -> None:
 
 @pytest.mark.skipif(not THESIS, reason="the text of the thesis is not part of the repository")
 def test_every_number_stands_where_its_row_says() -> None:
-    """On its line, to one line either way, and on its page by the numbers at the feet of the pages."""
+    """Find each on its line, to one line either way, and on its page by the numbers at the feet of the pages."""
     lines = THESIS[0].read_text(encoding="utf-8").split("\n")
     feet = page_feet(lines)
     assert len(feet) > 90

@@ -31,9 +31,9 @@ class EngineName(enum.Enum):
     STATICS = "statics"
 
 
-# How the columns of the ledger are headed.
+# Heads of the ledger's columns.
 TITLES = {one: ENGINES[one.value].title if one.value in ENGINES else one.value for one in EngineName}
-# Which engines a motion is computed in, and which an equilibrium: MuJoCo's forces confirm those of statics.
+# Engines that compute a motion, and an equilibrium: MuJoCo's forces confirm those of statics.
 OF_MOTION = (EngineName.DAE, EngineName.MUJOCO, EngineName.ODE)
 OF_EQUILIBRIUM = (EngineName.STATICS, EngineName.MUJOCO)
 
@@ -68,7 +68,7 @@ class Experiment:
     set_point: bool = False
 
     def load(self) -> Scene:
-        """Its scene."""
+        """Load the experiment's scene."""
         scene = load_scene(self.scene)
         if not self.set_point or scene.target is None:
             return scene

@@ -65,7 +65,7 @@ def _value(text: str, run: Any) -> Any:
 
 
 def _draw(panel: Any, all_runs: AllRuns, name: str, curve: Values) -> None:
-    """One curve, or as many as its expression has columns."""
+    """Draw one curve, or as many as its expression has columns."""
     how = {key: value for key, value in curve.items() if key not in ("y", "x", "of", "colors")}
     if "x" in curve:
         how["over"] = partial(_value, curve["x"])

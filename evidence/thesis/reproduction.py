@@ -30,7 +30,7 @@ from tensegrity_mj.studies.many import RunOptions
 from tensegrity_mj.studies.workers import Workers
 
 RUNS, FIGURES = "runs", "figures"
-# What is computed as a whole: the cables of chapter 3, the beams of chapter 7, also in waves, and of appendix C.
+# Studies that are computed as wholes: the cables of chapter 3, the beams of chapter 7, in waves too, and of appendix C.
 WHOLES: Mapping[str, Any] = {
     **SERIES,
     **STUDIES,

@@ -14,7 +14,7 @@ from tensegrity_mj.basics.kinds import Kind, Wrong, choice, many, part, rows, te
 from tensegrity_mj.basics.toml_values import is_list, is_number, is_table
 from tensegrity_mj.errors import FormatError
 
-# What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3), a
+# Results of one engine: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3), a
 # BeamRun by that of its study (chapter 7, appendix C).
 Runs = Mapping[str, Any]
 

@@ -270,7 +270,7 @@ def chain(
 def _structure(elements: int, rope_mass: RopeMass, planar: bool, name: str) -> Structure:
     fastening, rope = parts(elements)
     masses = [FASTENING_MASS / fastening] * fastening
-    # As printed where the elements are those of §3.3.3, and not with the round-off of a sum and a division.
+    # Take the printed value where the elements are those of §3.3.3, without the round-off of a sum and a division.
     printed = rope_mass is RopeMass.ELEMENTS and rope == ROPE_ELEMENTS
     masses += [ROPE_ELEMENT_MASS if printed else rope_mass.kilograms / rope] * rope + [LOAD_MASS]
     plane = OUT_OF_PLANE if planar else None

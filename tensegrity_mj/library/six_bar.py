@@ -23,7 +23,7 @@ SABELHAUS = (
     "A. P. Sabelhaus et al., System design and locomotion of SUPERball, an untethered tensegrity robot, ICRA 2015; "
     "numbers of its version 1.5 as in NASA's Tensegrity Robotics Toolkit (T6Model.cpp)"
 )
-# Of SUPERball's strings those with a motor: two of each node, none in two opposite triangles, two in each other one.
+# SUPERball's strings with a motor: two of each node, none in two opposite triangles, two in each other one.
 ACTIVE = """r1a_r4a r1a_r6b r1b_r3a r1b_r5b r2a_r4b r2a_r6a r2b_r3b r2b_r5a r3a_r6b r3b_r5b r4a_r6a r4b_r5a""".split()
 
 

@@ -173,7 +173,7 @@ def _square_on(points: Array) -> tuple[float, float] | None:
     normal = vectors[2]
     if abs(normal[2]) > 0.999:
         return 90.0, -90.0  # a horizontal plane from above: x to the right, y up
-    # Of the plane's two sides: the upper one, or where it stands upright, the one that shows +x (else +y) to the right.
+    # Choose the plane's upper side, or where it stands upright, the one that shows +x (else +y) to the right.
     right = np.array([normal[1], -normal[0]])
     if abs(normal[2]) > 1e-3:
         forward = normal if normal[2] < 0.0 else -normal

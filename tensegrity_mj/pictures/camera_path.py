@@ -10,7 +10,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures.camera import Camera, fit
 
 WINDOW = 0.12  # of the film: how long before and after something the camera makes room for it
-# Of the distance of a camera that stands still: what would come no nearer is not worth a motion, and none comes nearer,
+# Parts of the distance of a still camera: a motion that comes no nearer is not worth it, and none comes nearer still,
 # as a picture that is full to its edges takes long to draw.
 NEAREST = 0.75
 

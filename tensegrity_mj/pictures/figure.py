@@ -42,7 +42,7 @@ def new_figure(width: float, height: float) -> Figure:
     size = (width, height) if wanted is None else wanted.fit(width, height)
 
     class Canvas(FigureCanvasAgg):
-        """Nothing is seen before it is written: axes that share a scale in several subfigures need not redraw all."""
+        """Canvas that is not drawn before it is written: axes that share a scale in subfigures need not redraw all."""
 
         def draw_idle(self, *_: Any, **__: Any) -> None:
             """Do not draw."""

@@ -82,7 +82,7 @@ class Framing:
         self._plan_grid(np.concatenate([nodes, wet]), extent, camera)
         self.points = np.concatenate([nodes, hanging, wet, self._grid_corners()])
         self.camera = fit(camera, self.points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
-        # What is too deep or too high to be framed is drawn as far as it shows.
+        # Points that are too deep or too high to be framed are drawn as far as they show.
         self.points = np.concatenate([self.points, sunk])
         self.path = self._plan_path(1.4 * margin, aspect)
         middles = np.array([self.camera.look_at]) if self.path is None else self.path.look_at

@@ -31,7 +31,7 @@ MAX_SIZE = 4096  # px; a frame's largest side
 MAX_BUFFER = 8192  # px; what every OpenGL of the last ten years can hold
 
 _OFF = ("disable", "disabled", "off", "false", "0")
-# What MuJoCo itself takes here: it cannot be imported with another value.
+# Values that MuJoCo itself takes here: it cannot be imported with another one.
 _WINDOW = ("glfw", "enable", "enabled", "on", "true", "1", {"linux": "glx", "win32": "wgl"}.get(sys.platform, "glfw"))
 
 Image = NDArray[np.uint8]

@@ -251,7 +251,7 @@ def _agreement(comparison: Comparison) -> str:
 
 
 def _runs(runs: Sequence[Trajectory]) -> str:
-    """One column a run."""
+    """Return a table of the runs, one column each."""
 
     def column(run: Trajectory) -> dict[str, str]:
         lasted, errors = float(run.time[-1] - run.time[0]) if len(run.time) else math.nan, run.target_error()

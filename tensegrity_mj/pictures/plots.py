@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.approaches import Clearance
     from tensegrity_mj.runs.comparison import Comparison
 
-# What of a comparison is drawn.
+# Differences of a comparison that are drawn.
 DRAWN = ("node_error", "velocity_error", "tension_error", "rod_force_error", "force_density_error", "energy_error")
 
 # From where on and how far apart marks stand on curves whose line styles mean something, in diagonals of the panel.

@@ -134,7 +134,7 @@ class Stage(contextlib.ExitStack):
         return np.round(np.concatenate([color, opacity], axis=2)).astype(np.uint8)
 
     def _plan_ports(self, column: int, columns: int, top: int, height: int) -> list[_Port]:
-        """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
+        """Plan the part of each column that can show something: only this is drawn, the rest stays as it is."""
         height = max(height, 1)
         wide, tall = column, height
         if self.view.distance is None and not self.framing.follow and self.framing.terrain is None:
@@ -153,7 +153,7 @@ class Stage(contextlib.ExitStack):
     # --------------------------------------------------------------------------------------------- preparing
 
     def _draw_surroundings(self) -> None:
-        """Everything that no frame changes: title, names, legend."""
+        """Draw what no frame changes: title, names, legend."""
         picture = self._labels.blank()
         if self._text:
             first = self.motions[0]
@@ -190,7 +190,7 @@ class Stage(contextlib.ExitStack):
         return [words for words, drawn in there.items() if drawn]
 
     def _clock_text(self, time: float) -> str:
-        # As many decimals as distinguish two frames of a film apart at 30 a second.
+        # Show enough decimals to distinguish two frames of a film at 30 a second.
         span = self.end - self.start
         digits = 2 if span <= 0.0 else min(6, max(2, math.ceil(-math.log10(span / 30.0)) + 1))
         return f"t = {time:.{digits}f} s"

@@ -125,10 +125,10 @@ class AtRest:
 
 
 class _Search(AtRest):
-    """Newton's steps from there."""
+    """Search by Newton's steps from the scene's start."""
 
     def found(self, limit: int) -> EngineEquilibrium:
-        """Down, away from what is unstable, and down again."""
+        """Search downwards; leave unstable points, and search downwards again."""
         nodes, used = np.array(self.scene.nodes0), 0
         for _ in range(ESCAPES):
             nodes, move, slopes, chart, taken = self._down(nodes, limit - used)

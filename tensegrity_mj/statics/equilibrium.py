@@ -121,7 +121,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         spent = max(1e4 * rough, SPENT * float(np.abs(forces).max(initial=0.0)))
         H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
         gap = model.rod_lengths - model.rods(x).lengths
-        # What no stiffness resists would move far for a force of round-off: steps go across it.
+        # Motions that no stiffness resists would go far for a force of round-off: steps go across them.
         neutral = sparse.csr_array((Z.T @ neutral_motions(model, x, parameter, forces)).T)
         right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
         while True:
@@ -186,7 +186,7 @@ def _energy_round_off(model: StaticModel, x: Array, forces: Array, parameter: fl
 
 
 def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
-    """Some way along a motion, on the side where the energy is lower."""
+    """Move a state some way along a motion, to the side where the energy is lower."""
     length = model.scale[0]
     step = KICK * length / float(np.abs(motion).max())
     tried = []

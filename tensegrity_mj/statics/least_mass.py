@@ -118,7 +118,7 @@ class Search:
     tie: Iterator[int] = field(default_factory=count)
 
     def run(self) -> Optimum | None:
-        """None where no forces are in balance."""
+        """Search for the optimum; None where no forces are in balance."""
         shape = (len(self.problem.forces), self.problem.bars.shape[1])
         low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
         root = self.solve(low, high)

@@ -122,7 +122,7 @@ class Modes:
         return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "scene": self.state.model.scene.name,
             "nodes": list(self.state.model.structure.node_names),
@@ -186,7 +186,7 @@ def _dense(state: StaticState, M: sparse.csr_array, wanted: int | None) -> tuple
     at, Z, neutral = state.linearized, state.model.boundary.Z, state.neutral_motions
     T = at.tangent_basis()
     if neutral.shape[1]:
-        # Of the admissible motions those that are M-orthogonal to neutral ones.
+        # Admissible motions that are M-orthogonal to neutral ones.
         Q, _ = qr(T.T @ (Z.T @ (M @ neutral)), mode="full")
         T = T @ Q[:, neutral.shape[1] :]
     n = T.shape[1]

@@ -267,7 +267,7 @@ def _reaction_change(state: StaticState, dx: Array, ds: float) -> Array:
     model = state.model
     K, slopes = model.hessian(state.x, state.bar_forces), model.rod_slopes(state.x)
     moved = K @ dx - ds * model.loads.ravel()
-    # What the rods' forces change by follows from the free coordinates, which stay in balance.
+    # The change of the rods' forces follows from the free coordinates, which stay in balance.
     Z = model.boundary.Z
     C = sparse.csr_array(slopes @ Z)
     elastic = model.compliance > 0

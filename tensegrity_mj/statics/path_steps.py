@@ -101,7 +101,7 @@ class Walk:
         tangent = self.tangent(Linearized(model, x, s, forces), t)
         if tangent is None:
             return None
-        # Of the two ways along it the one on which these strings go on to lengthen, or shorten, as they did.
+        # The tangent has two senses: take the one in which these strings go on to lengthen, or shorten, as they did.
         lengthened = _lengthening(model, x, tangent.x)[changed] @ _lengthening(model, x, t.x)[changed]
         if lengthened < 0:
             tangent = Tangent(-tangent.x, -tangent.s, -tangent.forces)
@@ -151,7 +151,7 @@ class Walk:
     def _corrected(
         self, x: Array, s: float, forces: Array, across: Tangent, idle: Array | None
     ) -> tuple[StaticState, int] | None:
-        """By Newton's method across a tangent and idle motions; and after how many steps it was nearly there."""
+        """Correct by Newton's method across a tangent and idle motions; the state, and the steps until nearly there."""
         model, length = self.model, self.model.scale[0]
         best, first, effort = np.inf, 0.0, 0
         without: Array | None = None
@@ -193,7 +193,7 @@ def bordered(
     # The row is as large as the stiffness, so that it keeps its place among the others.
     weight = model.scale[1] / max(float(np.abs(row).max(initial=0.0)), abs(last))
     neutral = np.asarray(Z.T @ without)
-    # Of the motions, and of the parameter.
+    # Columns of the motions, and of the parameter.
     columns = np.block([[neutral, by_parameter[:, None]], [np.zeros((R, p)), stretched[:, None]]])
     rows = np.block([[neutral.T, np.zeros((p, R))], [weight * row]])
     corner = np.diag([0.0] * p + [weight * last])

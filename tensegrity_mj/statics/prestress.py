@@ -187,7 +187,7 @@ class Prestressability:
         return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "structure": self.structure.name,
             "strings": [string.name for string in self.structure.strings],
@@ -252,7 +252,7 @@ def prestressability(
 
 
 def _analysed(at: Assembly, own: Array | None) -> Prestressability:
-    """All of it, for the forces (M + R,) of a state, or for the stiffest prestress."""
+    """Analyse for the forces (M + R,) of a state, or for the stiffest prestress."""
     M, Z = len(at.whole), at.boundary.Z
     there = np.append(at.whole, np.ones(len(at.B) - M, bool))
     left, values, right = (np.asarray(part, float) for part in np.linalg.svd(at.B[there]))

@@ -45,7 +45,7 @@ class Assembly:
 
     @classmethod
     def of(cls, structure: Structure, boundary: Boundary, nodes: Array, whole: Flags) -> Assembly:
-        """At nodes (N, 3); OptionError for a member without length."""
+        """Assemble at nodes (N, 3); raise OptionError for a member without length."""
         paths = member_paths(structure)
         members = members_at(paths.nodes, nodes)
         if len(paths.nodes) and members.lengths.min() == 0:

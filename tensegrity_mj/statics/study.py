@@ -1,4 +1,4 @@
-"""Everything that statics says of a scene, by one call: `analyse`."""
+"""Analysis of a scene by statics, in one call: `analyse`."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class StaticStudy:
         return [(one.name, one.text) for one in self.judgement.findings]
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain values; docs/statics.md explains the keys."""
+        """Return plain values; docs/statics.md explains the keys."""
         return words.to_dict(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> FilePath:
@@ -303,7 +303,7 @@ def _checked(run: Trajectory, scene: Scene) -> TrajectoryCheck:
     for kind in ("node", "rod", "string"):
         if theirs[kind] != ours[kind]:
             raise OptionError(f"run: of scene '{run.scene.name}', whose {kind}s are others than those of this scene")
-    # What members bear is said by the scene that was given: the run may be older.
+    # The given scene says what members bear: the run may be older.
     limited: Any = replace(
         own,
         rods=tuple(replace(rod, section=new.section) for rod, new in zip(own.rods, structure.rods, strict=True)),

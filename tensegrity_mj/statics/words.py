@@ -27,12 +27,12 @@ SHOWN = 8  # names or numbers that a line lists
 
 
 def counted(count: int, noun: str) -> str:
-    """ "1 state", "2 states"."""
+    """Return a count with its noun: "1 state", "2 states"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def findings(study: StaticStudy) -> list[Finding]:
-    """All that there is to say, a line each: text, page and JSON are made of these."""
+    """Return all findings, a line each: text, page and JSON are made of these."""
     without = ", without the further loads" if np.any(study.model.loads) else ""
     found = [
         Finding(None, study.model.scene.name, "scene"),
@@ -183,7 +183,7 @@ def _total(forces: Array, names: Sequence[str] = ()) -> str:
 
 
 def to_dict(study: StaticStudy) -> dict[str, Any]:
-    """Everything as plain values."""
+    """Return plain values, for JSON."""
     from tensegrity_mj.simulation import versions
 
     model, state = study.model, study.state
@@ -295,7 +295,7 @@ def _stresses(study: StaticStudy) -> Array:
 
 
 def _members(check: MemberCheck) -> tuple[str, ...]:
-    """Without the slack strings, which have a line of their own, and what is unchecked where that is everything."""
+    """Describe members without slack strings, which have their own line; if all are unchecked, say only that."""
     lines = check.describe()[:-1] if check.slack else check.describe()
     return lines if check.worst is not None else lines[:1]
 

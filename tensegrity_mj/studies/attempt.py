@@ -1,4 +1,4 @@
-"""One point, computed where the work is done: in a worker process, on a cluster, or here. A failure is data, too."""
+"""Computation of one point, where the work is done: in a worker process, a cluster, or here. Failures are data, too."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Vary(Axis):
 
     @property
     def axes(self) -> tuple[Vary]:
-        """Itself, as `Together` has several."""
+        """This axis alone, as `Together` has several."""
         return (self,)
 
 
@@ -68,7 +68,7 @@ class Together(Axis):
 
 @value("Uniform", OptionError)
 class Uniform:
-    """Evenly between low and high."""
+    """Uniform distribution between low and high."""
 
     low: float = field(kinds.finite())
     high: float = field(kinds.finite())
@@ -78,43 +78,43 @@ class Uniform:
             raise refused(self, f"low = {self.low:g} is above high = {self.high:g}; give the lower one first")
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """One draw."""
+        """Draw one value."""
         return float(generator.uniform(self.low, self.high))
 
 
 @value("LogUniform", OptionError)
 class LogUniform(Uniform):
-    """Between low and high, both > 0, the logarithm evenly."""
+    """Distribution between low and high, both > 0, whose logarithm is uniform."""
 
     low: float = field(kinds.positive())
     high: float = field(kinds.positive())
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """One draw."""
+        """Draw one value."""
         value = math.exp(generator.uniform(math.log(self.low), math.log(self.high)))
         return min(max(value, self.low), self.high)
 
 
 @value("Normal", OptionError)
 class Normal:
-    """Normally distributed."""
+    """Normal distribution."""
 
     mean: float = field(kinds.finite())
     deviation: float = field(kinds.positive())
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """One draw."""
+        """Draw one value."""
         return float(generator.normal(self.mean, self.deviation))
 
 
 @value("Choice", OptionError)
 class Choice:
-    """One of some values, each as likely."""
+    """Choice of one of some values, each as likely."""
 
     values: Sequence[Any] = field(Kind(_values))
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """One draw."""
+        """Draw one value."""
         return self.values[int(generator.integers(len(self.values)))]
 
 
@@ -142,6 +142,6 @@ class Draw:
     scaled: bool = field(kinds.flag(), default=False)
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """One draw, as points hold it."""
+        """Draw one value, as points hold it."""
         value = self.distribution.sample(generator)
         return encoded(Scaled(value)) if self.scaled else encoded(value)

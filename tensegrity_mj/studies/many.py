@@ -57,7 +57,7 @@ class Study:
         return [number for number, outcome in enumerate(self.outcomes) if outcome["status"] != DONE]
 
     def values(self, name: str) -> list[Any]:
-        """One value of every point; None where a point failed or has no such value."""
+        """Return one value of every point; None where a point failed or has no such value."""
         return [outcome.get("values", {}).get(name) for outcome in self.outcomes]
 
     def rows(self, lost: Callable[[Values], Values]) -> list[Values]:
@@ -238,7 +238,7 @@ def _stoppable(backend: Backend) -> Iterator[None]:
         handlers = {signal.SIGTERM: pass_on}
     else:
         handlers = {signal.SIGTERM: stop, signal.SIGINT: stop}
-    # What somebody else catches or ignores stays theirs.
+    # Signals that other code catches or ignores are left to it.
     usual = (signal.SIG_DFL, signal.default_int_handler)
     previous = {one: signal.getsignal(one) for one in handlers if signal.getsignal(one) in usual}
     for one in previous:

@@ -203,7 +203,7 @@ def _with_node(scene: Scene, which: str | None, others: Sequence[str], path: str
 
 
 def _with_row(nodes: Any, number: int, row: Vector) -> Any:
-    """Node positions (..., N, 3) with one node elsewhere."""
+    """Return node positions (..., N, 3) with one node elsewhere."""
     nodes = np.array(nodes)
     nodes[..., number, :] = row
     return nodes

@@ -109,7 +109,7 @@ def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> 
             return
         except TerminatedWorkerError:
             pass
-        # Of the points that were under way, which one it was only trying shows.
+        # Any point in flight may have killed the worker: retry each alone to find out.
         for key in [key for key in begun if key in missing]:
             point = missing.pop(key)
             try:

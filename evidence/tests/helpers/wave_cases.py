@@ -20,7 +20,7 @@ GRID: Mapping[str, Tower] = {
 
 DURATION = 5.001  # s, whole numbers of 3 ms and of 0.75 ms
 
-# What the thesis leaves open; all else as in the grid.
+# Parameters that the thesis leaves open; all else as in the grid.
 OPEN: Mapping[str, Tower] = {
     "full, R = 0.498 m, phase 0°, 1 m deep": {},
     **{f"R = {radius:g} m": {"radius": radius} for radius in (0.40, 0.45, 0.55, 0.60, 0.64)},
@@ -33,7 +33,7 @@ OPEN: Mapping[str, Tower] = {
     **{f"{depth:g} m deep": {"start_depth": depth} for depth in (0.5, 2.0)},
 }
 
-# What the result should hardly depend on; the first is what the others are compared with.
+# Choices that should hardly change the result; the others are compared with the first.
 SENSITIVITY: Mapping[str, Tower] = {
     "as in the grid": {},
     "20 segments": {"segments": 20},

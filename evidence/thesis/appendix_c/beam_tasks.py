@@ -48,7 +48,7 @@ def scene_of(point: dict[str, Any]) -> Scene:
 
 
 def standing(point: dict[str, Any]) -> StaticState:
-    """Its free equilibrium with elastic rods."""
+    """Find the beam's free equilibrium with elastic rods."""
     return _standing(point["beam"], tuple(point.get("disturbance") or ()))
 
 

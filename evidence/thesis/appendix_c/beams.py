@@ -75,7 +75,7 @@ class BeamStudy:
     def compute(
         self, engine: EngineName, folder: Path, disturbance: Disturbance | None = None, **how: Unpack[RunOptions]
     ) -> BeamRun:
-        """Its values in one engine; see `Series.compute`."""
+        """Compute the study's values in one engine; see `Series.compute`."""
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]

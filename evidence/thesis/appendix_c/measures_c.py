@@ -89,7 +89,7 @@ def first_slack(run: BeamRun, label: str) -> float:
 
 
 def before_buckling(run: BeamRun, imperfect: BeamRun, label: str) -> float:
-    """By how much the perfect beam's stiffness changes up to where the imperfect one buckles, relative to its first."""
+    """Return the relative change of the perfect beam's stiffness up to where the imperfect one buckles."""
     K, w = stiffness(run, label), run.of(label, "w")
     there = float(np.interp(buckling(imperfect, label).deformation, w, K))
     return there / float(K[0]) - 1.0
@@ -130,7 +130,7 @@ def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
 
 
 def changed_at(run: BeamRun, label: str, deformation: float) -> float:
-    """By how much the stiffness has changed there [kN/m]."""
+    """Return the change of the stiffness there [kN/m]."""
     K = stiffness(run, label)
     return float(np.interp(deformation, run.of(label, "w"), K) - K[0])
 

@@ -77,7 +77,7 @@ def other_peaks(run: SeriesRun, marker: int, frequency: float) -> int:
 
 
 def input_part(run: SeriesRun, marker: int) -> float:
-    """At how many of the input frequencies a main peak is at the input."""
+    """Return the part of the input frequencies at which a main peak is at the input."""
     rows = zip(run.cases.frequencies, run.peaks(marker), strict=True)
     return float(np.mean([has(peaks, f, f) for f, peaks in rows]))
 
@@ -91,7 +91,7 @@ def present_from(run: SeriesRun, marker: int, low: float, high: float) -> float:
 
 
 def first_part(run: SeriesRun, marker: int, low: float, high: float, axis: int = 0) -> float:
-    """At how many of the input frequencies in a range the first eigenfrequency has a main peak."""
+    """Return the part of the input frequencies in a range at which the first eigenfrequency has a main peak."""
     rows = zip(run.cases.frequencies, run.peaks(marker, axis), strict=True)
     return float(np.mean([has(peaks, 0.324, 0.324) for f, peaks in rows if low - 1e-9 <= f <= high + 1e-9]))
 

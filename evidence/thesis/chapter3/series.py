@@ -144,7 +144,7 @@ class Series:
     def compute(
         self, engine: EngineName, folder: Path, disturbance: Disturbance | None = None, **how: Unpack[RunOptions]
     ) -> SeriesRun:
-        """Its results in one engine; what its own folder in `folder` has of them is not computed again."""
+        """Compute the results in one engine; those that are in its own folder in `folder` are not computed again."""
         cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity = {"code": code_digest(), **error}

@@ -66,7 +66,7 @@ class Problem:
 
 
 def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
-    """Everything about a fit, as plain values; parameters in their order.
+    """Fit the parameters; returns plain values, with parameters in their order.
 
     SciPy's trust region (`least_squares`, "trf") makes the sum of squares least within the bounds. Where no noise is
     given, σ is one, and is estimated afterwards.
@@ -214,7 +214,7 @@ class Information(NamedTuple):
         return found
 
     def told(self, names: list[str]) -> dict[str, Any]:
-        """All of it as plain values."""
+        """Return plain values, for JSON."""
         condition = float("nan")  # of no parameters
         if len(self.eigenvalues):
             low, high = self.eigenvalues[0], self.eigenvalues[-1]

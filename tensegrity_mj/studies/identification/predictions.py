@@ -30,7 +30,7 @@ from tensegrity_mj.studies.store import Store
 
 STEP = 1e-4  # of a parameter's size: differences are wrong by 1e-8 by their step, and by 1e-6 where runs are by 1e-10
 FINEST = 1e-3  # s between samples of an engine that chooses its steps, where times of measurements are not regular
-# What arrays of the differentiable engine have of structures; of a scene they have what changes them.
+# Fields of structures that are arrays of the differentiable engine; of a scene, fields that change these.
 DIFFERENTIATED = {
     "strings": ("stiffness", "damping", "rest_length", "tension", "force_density"),
     "rods": ("mass", "stiffness", "damping"),
@@ -66,7 +66,7 @@ class Predictions:
         return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
 
     def predict(self, values: Array) -> Array:
-        """One run.
+        """Simulate once, and return the predicted measurements.
 
         Raises:
             TensegrityError: as `simulate`; DivergenceError, too, for a run that ended before the last measurement.
@@ -210,7 +210,7 @@ class Differentiated(Predictions):
                 raise OptionError(f"{path}: {NOT_DIFFERENTIATED}")
 
     def predict(self, values: Array) -> Array:
-        """One run; TensegrityError for values that a scene cannot have."""
+        """Simulate once; raise TensegrityError for values that a scene cannot have."""
         return self._at(values)[1]
 
     def jacobian(self, values: Array) -> Array:
@@ -218,7 +218,7 @@ class Differentiated(Predictions):
         return self._at(values)[2]
 
     def doubts(self, values: Array) -> list[str]:
-        """None: these runs are arrays, which report nothing of themselves."""
+        """Return no doubts: these runs are arrays, which have no reports."""
         return []
 
     def _at(self, values: Array) -> tuple[Array, Array, Array]:

@@ -67,7 +67,7 @@ class Identification(Report):
         return np.array(self.data["correlation"], float)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values."""
+        """Return plain values, for JSON."""
         return self.data
 
     @property

@@ -24,7 +24,7 @@ from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.self_stress import prestress
 from tensegrity_mj.vibration.bodies import Bodies
 
-# Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
+# Base structure: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
 STIFFNESS = 1000.0
 PRESTRAIN = 0.02
 EVEN = f"with strings of {STIFFNESS:g} N/m that are stretched by up to {PRESTRAIN:.0%}, without dampers"

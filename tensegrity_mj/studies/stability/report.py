@@ -167,7 +167,7 @@ def _engine_of_run(scene: Scene, law: Any) -> Any:
     if scene.contact is None:
         return DAE()
     limit = stable_step(scene, MuJoCo(1.0), law=law).limit
-    # Of contact: 1/√k of its spring and 2/b of its damper.
+    # Limits by contact: 1/√k of its spring and 2/b of its damper.
     contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.damping, 1e-12))
     step = FINE * min(limit, contact)
     return MuJoCo(scene.duration / math.ceil(scene.duration / step))

@@ -48,7 +48,7 @@ GROWTH = 10.0
 AMPLITUDE = 1e-11  # of the structure's size, moved in a step; less where strings are stretched by little
 STRETCH_PART = 1e-4  # of the smallest stretch that is at least moved in a step
 DAMPER_PART = 1e-2  # of its tension that a string's damper pulls with at first, at most
-# Of its tension: changes of a string's spring and damper that are no longer small.
+# Changes of a string's spring and damper, as parts of its tension, that are no longer small.
 SPRING_SLACK, DAMPER_SLACK = 0.5, 0.1
 FAR = 100.0  # times what the random velocities make in all the steps: no linear motion goes there
 LEAST = 1e-13  # of its size: the smallest motion a step

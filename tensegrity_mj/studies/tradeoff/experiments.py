@@ -36,7 +36,7 @@ class Loop(enum.Enum):
 
 
 def _some(known: Iterable[Any], one: Kind) -> Kind:
-    """One at least of what is known at the time, in its order."""
+    """Make the kind of a field that names at least one known item, in the order of `known`."""
 
     def plain(value: Any) -> tuple[Any, ...]:
         given = kinds.tuple_of(one.plain, value)
@@ -146,7 +146,7 @@ class Experiment:
 
     @property
     def interval(self) -> float:
-        """Between recorded samples [s]."""
+        """Interval between recorded samples [s]."""
         return recording_interval(self.duration)
 
     def to_dict(self) -> dict[str, Any]:
@@ -157,7 +157,7 @@ class Experiment:
 
 
 def recording_interval(duration: float) -> float:
-    """Between recorded samples [s]: the largest of 0.1, 0.05, 0.02, 0.01, ... that divides the run into 50 or more.
+    """Return the interval between samples [s]: the largest of 0.1, 0.05, 0.02, ... that divides the run into >= 50.
 
     Where none down to a thousandth of the run divides it, its hundredth part.
     """

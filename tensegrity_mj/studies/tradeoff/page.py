@@ -290,7 +290,7 @@ def _panels(data: Data) -> list[Panel]:
 
 
 def costs(experiment: Data, timing: Data, cost: Cost) -> list[float | None]:
-    """One a point; of runs that ended early, what the whole would have cost at that pace."""
+    """Return the cost of each point; of runs that ended early, what the whole would have cost at that pace."""
     found: list[float | None] = []
     for one, clocked in zip(experiment["points"], timing["points"], strict=True):
         value = clocked["wall_time"] if cost is Cost.WALL_TIME else one.get("evaluations")

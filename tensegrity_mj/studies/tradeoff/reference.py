@@ -85,7 +85,7 @@ class Attempt:
 
     @property
     def motion(self) -> Motion | None:
-        """Its nodes; None where it did not complete."""
+        """Motion of the run's nodes; None where it did not complete."""
         if self.run is None or self.ended is not Ended.COMPLETED:
             return None
         return Motion(self.run.time, self.run.nodes)

@@ -162,7 +162,7 @@ def node_error(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None
 
 
 def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance: float) -> Data:
-    """Node errors against the continuous run, or, without one, against the finest period of the same mode.
+    """Compute node errors against the continuous run, or without one, the finest period of the same mode.
 
     The run that the others are held against has none.
     """

@@ -63,7 +63,7 @@ def judged(
 def _without_target(
     values: Mapping[str, Any], tolerance: float, nominal: Mapping[str, Any] | None, doubts: Sequence[str]
 ) -> tuple[str, Verdict]:
-    """By rest; a run with something off by where the nominal one rests."""
+    """Judge by rest; a run with something off, by where the nominal one rests."""
     rest, still = values["rest"], values["rest"]["moved"] <= STILL
     bound = RESTS * rest["largest_speed"]
     slow = judge("the fastest node in the last quarter has", rest["last_speed"], bound, "m/s", doubts)

@@ -1,4 +1,4 @@
-"""One run of the report: a point of plain values in, its measures out. What ends a run early is a result, too."""
+"""Task of the report: one run, a point of plain values in, its measures out. A run that ends early is a result, too."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
             plant = plant.with_(initial_nodes=np.array(case["nodes"]), initial_velocities=None)
         except SceneError as error:
             return {"status": REFUSED, "message": str(error), "end_time": 0.0}
-    # Of another plant nothing is promised.
+    # The law promises nothing for another plant.
     promised = None if case["settings"] else native_law(law, nominal.structure).decay_rate
     floor = getattr(law, "minimum_force_density", 0.0)
     law = NominalWinches.between(law, nominal.structure, plant.structure)
