@@ -84,7 +84,7 @@ def run_experiments(
         KeyboardInterrupt: its message says how much is finished; what is finished is kept.
     """
     wanted = [(name, engine) for name in names for engine in engines]
-    found = {key: run for key in wanted if (run := _kept(folder, *key, disturbance)) is not None}
+    found = {key: run for key in wanted if (run := _cached(folder, *key, disturbance)) is not None}
     points = [{"experiment": name, "engine": engine.value} for name, engine in wanted if (name, engine) not in found]
     failures: dict[tuple[EngineName, str], str] = {}
     if points:
@@ -99,7 +99,7 @@ def run_experiments(
             ) from None
         for point, outcome in zip(points, study.outcomes, strict=True):
             key = point["experiment"], EngineName(point["engine"])
-            run = _kept(folder, *key, disturbance)
+            run = _cached(folder, *key, disturbance)
             if outcome["status"] == "done" and run is not None:
                 found[key] = run
             else:
@@ -163,7 +163,7 @@ def code_digest(others: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()
 
 
-def _kept(folder: Path, name: str, engine: EngineName, disturbance: Disturbance | None) -> Trajectory | None:
+def _cached(folder: Path, name: str, engine: EngineName, disturbance: Disturbance | None) -> Trajectory | None:
     path = _path(folder, name, engine)
     if not path.is_file():
         return None

@@ -165,8 +165,8 @@ class Player:
         return min(self.time, self.end)
 
     @property
-    def words(self) -> str:
-        """Return the text in the window's corner."""
+    def caption(self) -> str:
+        """Text in the window's corner."""
         state = "paused" if self.paused else f"{self.speed:g} x" + ("" if self.loops else ", once")
         return f"{min(self.time, self.end):.3f} of {self.end:g} s, {state}"
 
@@ -188,7 +188,7 @@ def _show(window: Any, painter: Painter, motion: Motion, sizes: Sizes, player: P
             if aim is not None:
                 painter.structure(motion, aim, sizes, scale, Look.TARGET)
             painter.finish()
-        window.set_texts([(None, None, player.words, ""), (None, KEYS_CORNER, KEYS, "")])
+        window.set_texts([(None, None, player.caption, ""), (None, KEYS_CORNER, KEYS, "")])
         window.sync()
         time.sleep(FRAME)
 

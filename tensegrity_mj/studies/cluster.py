@@ -87,12 +87,12 @@ def compute(
     suspects = {}
     # Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it; which
     # of those under way there did it, only trying each alone shows.
-    for key, answer in watched.answers(count, task, points):
+    for key, answer in watched.results(count, task, points):
         if answer is None:
             suspects[key] = points[key]
         else:
             yield answer
-    for key, answer in watched.answers(1, task, suspects):
+    for key, answer in watched.results(1, task, suspects):
         yield answer or (key, DIED, {})
 
 
@@ -124,7 +124,7 @@ class _Cluster:
                 f"workers: the cluster has had no worker for {WORKER_TIMEOUT:.0f} s; start some with `dask worker`"
             )
 
-    def answers(
+    def results(
         self, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
     ) -> Generator[tuple[str, Answer | None], None, None]:
         """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""

@@ -142,23 +142,23 @@ def run_many(
     study = {"task": name, "identity": facts, "common": shared, "points": given}
 
     with contextlib.ExitStack() as stack:
-        kept = stack.enter_context(store.opened(place, study))
-        missing = {key: call for key, call in calls.items() if key not in kept.outcomes}
+        saved = stack.enter_context(store.opened(place, study))
+        missing = {key: call for key, call in calls.items() if key not in saved.outcomes}
         if missing:
             shown = stack.enter_context(bar_of(label, len(calls), len(calls) - len(missing), progress))
             compute = stack.enter_context(workers.ready(task))
             try:
-                with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:
-                    for key, text, files in answers:
+                with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as results:
+                    for key, text, files in results:
                         named = {_file_name(first[key], own): content for own, content in files.items()}
-                        kept.add(key, from_exact_json(text), named)
+                        saved.add(key, from_exact_json(text), named)
                         shown.update()
             except (KeyboardInterrupt, ClusterError) as error:
-                reached = kept.stopped(f"{{}} of {len(calls)} points are finished")
+                reached = saved.stopped(f"{{}} of {len(calls)} points are finished")
                 if isinstance(error, ClusterError):
                     raise ClusterError(f"{error}. {reached}") from error
                 raise KeyboardInterrupt(reached) from None
-        outcomes = tuple(kept.outcomes[key] for key in keys)
+        outcomes = tuple(saved.outcomes[key] for key in keys)
         seconds = time.perf_counter() - started
         result = Study(name, tuple(given), outcomes, shared, facts, place, len(missing), seconds)
         if place is not None:

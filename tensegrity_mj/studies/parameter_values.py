@@ -214,14 +214,14 @@ def single(kind: Kind, path: str, value: Any, now: Any) -> Any:
 
 def _chosen(items: Sequence[Any], which: str | None, path: str, name: str) -> set[int]:
     """Places of the items that are meant: all, those of a name or of a registered kind, or the one at a place."""
-    words = [_words(item, place) for place, item in enumerate(items)]
-    known = dict.fromkeys(word for some in words for word in some)
+    names = [_names_of(item, place) for place, item in enumerate(items)]
+    known = dict.fromkeys(word for some in names for word in some)
     if which is not None and which not in known:
         raise OptionError(f"{path}: {unknown(which, known, f'member of {name}')}")
-    return {place for place, some in enumerate(words) if which is None or which in some}
+    return {place for place, some in enumerate(names) if which is None or which in some}
 
 
-def _words(item: Any, place: int) -> list[str]:
+def _names_of(item: Any, place: int) -> list[str]:
     """Return the names by which an item may be called: its name, where it has one; or else its kind, and its place."""
     title = item_of(type(item)).title if is_dataclass(item) else ""
     kind = kind_of(type(item))

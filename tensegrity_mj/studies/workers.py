@@ -102,8 +102,8 @@ def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> 
     while missing:
         begun: list[str] = []
         try:
-            with contextlib.closing(_run(count, task, missing, begun)) as answers:
-                for answer in answers:
+            with contextlib.closing(_run(count, task, missing, begun)) as results:
+                for answer in results:
                     del missing[answer[0]]
                     yield answer
             return
@@ -113,8 +113,8 @@ def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> 
         for key in [key for key in begun if key in missing]:
             point = missing.pop(key)
             try:
-                with contextlib.closing(_run(count, task, {key: point}, [])) as answers:
-                    yield from answers
+                with contextlib.closing(_run(count, task, {key: point}, [])) as results:
+                    yield from results
             except TerminatedWorkerError:
                 yield key, DIED, {}
 
@@ -143,11 +143,11 @@ def _run(
             return_as="generator_unordered",
             max_nbytes=None,
         )
-    answers, ended = None, False
+    results, ended = None, False
     try:
-        answers = parallel(jobs())
-        # Not `yield from`: it would close the answers before the warnings are silenced.
-        for answer in answers:  # noqa: UP028
+        results = parallel(jobs())
+        # Not `yield from`: it would close the results before the warnings are silenced.
+        for answer in results:  # noqa: UP028
             yield answer
         ended = True
     except (TerminatedWorkerError, TensegrityError):
@@ -155,10 +155,10 @@ def _run(
     except Exception as error:
         raise unable(task, error) from error
     finally:
-        if answers is not None:
+        if results is not None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that work was cancelled is what was wanted
-                answers.close()
+                results.close()
             # The feeder of a stopped queue cleans up its semaphore; a process that ends meanwhile prints a warning.
             for thread in () if ended else threading.enumerate():
                 if thread.name == "QueueFeederThread":

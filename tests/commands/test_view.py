@@ -156,7 +156,7 @@ def test_keys_pause_step_and_change_the_speed(windows: SimpleNamespace, tmp_path
     assert player.go_on(0.5) == pytest.approx(1.5 + 2.0 / viewer.STEPS, abs=1e-12)
     player.press(32)
     player.press(61)
-    assert player.words.endswith("of 3 s, 2 x")
+    assert player.caption.endswith("of 3 s, 2 x")
     player.press(45)
     player.press(259)
     assert player.go_on(0.25) == 1.25
@@ -164,7 +164,7 @@ def test_keys_pause_step_and_change_the_speed(windows: SimpleNamespace, tmp_path
     assert player.go_on(1.0) == 1.0  # and begins again
     player.press(76)
     assert [player.go_on(9.0), player.go_on(9.0)] == [3.0, 3.0]
-    assert player.words.endswith("once")
+    assert player.caption.endswith("once")
     windows.presses = [32, 262]
     cone_run().save(tmp_path / "cone.nc")
     assert main(["view", str(tmp_path / "cone.nc")]) == 0

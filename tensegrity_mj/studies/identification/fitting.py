@@ -20,7 +20,7 @@ from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.predictions import Kept, Predictions
+from tensegrity_mj.studies.identification.predictions import Predictions, StoredPredictions
 from tensegrity_mj.studies.identification.unknowns import Unknowns
 
 Data = dict[str, Any]
@@ -47,7 +47,7 @@ class FitOptions:
 class Problem:
     """Residuals (predicted - measured) / σ, then (value - start) / prior, by parameters in parts of their sizes."""
 
-    model: Predictions | Kept
+    model: Predictions | StoredPredictions
     unknowns: Unknowns
     observation: Observation
 
@@ -91,7 +91,7 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
         free = np.setdiff1d(np.arange(len(start)), held)
         if before.pivots:
             done = f"; held at their starts: {', '.join(unknowns.names[k] for k in held)}" if held else ""
-            words = f"the measurements do not see: {'; '.join(before.words(unknowns.names))}{done}"
+            words = f"the measurements do not see: {'; '.join(before.combinations(unknowns.names))}{done}"
             if not len(free):
                 raise OptionError(words)
             warn_caller(words, IdentificationWarning)
@@ -133,7 +133,7 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
         "parameters": [dict(zip(columns, row, strict=True)) for row in rows],
         "converged": bool(found.status > 0),
         "runs": int(found.nfev),
-        "before": before.told(unknowns.names),
+        "before": before.to_dict(unknowns.names),
         **known,
         **_series(problem.observation, found.fun),
     }
@@ -164,7 +164,7 @@ def _known(
         "p_value": float(chi2.sf(total, degrees)) if observed.known and degrees > 0 else None,
         "correlated": names,
         "correlation": correlation(found).tolist(),
-        "after": information(jacobian / np.sqrt(variance or 1.0), problem.model.noise).told(names),
+        "after": information(jacobian / np.sqrt(variance or 1.0), problem.model.noise).to_dict(names),
     }
     return data, deviations, quantile * deviations
 
@@ -202,7 +202,7 @@ class Information(NamedTuple):
     deviations: Array
     pivots: tuple[int, ...]
 
-    def words(self, names: list[str]) -> list[str]:
+    def combinations(self, names: list[str]) -> list[str]:
         """Combinations that are not seen, as changes in parts of the parameters' sizes."""
         found = []
         for row, deviation in zip(self.unseen, self.deviations, strict=True):
@@ -213,13 +213,13 @@ class Information(NamedTuple):
             found.append(f"{', '.join(parts)} ({known})")
         return found
 
-    def told(self, names: list[str]) -> dict[str, Any]:
+    def to_dict(self, names: list[str]) -> dict[str, Any]:
         """Return plain values, for JSON."""
         condition = float("nan")  # of no parameters
         if len(self.eigenvalues):
             low, high = self.eigenvalues[0], self.eigenvalues[-1]
             condition = float(high / low) if low > 0 else float("inf")
-        return {"eigenvalues": self.eigenvalues.tolist(), "condition": condition, "unseen": self.words(names)}
+        return {"eigenvalues": self.eigenvalues.tolist(), "condition": condition, "unseen": self.combinations(names)}
 
 
 def information(jacobian: Array, noise: float, limit: float = LIMIT) -> Information:

@@ -239,16 +239,16 @@ def predictions_of(unknowns: Unknowns, observation: Observation, engine: Any, *h
     return kind(unknowns, observation, engine, *how)
 
 
-class Kept:
+class StoredPredictions:
     """Predictions of which those that a study's folder has are read there, and all others are kept."""
 
     def __init__(self, of: Predictions, store: Store) -> None:
         self.noise = of.noise
 
-        def kept(what: str, values: Array) -> Array:
+        def stored(what: str, values: Array) -> Array:
             point = {what: values.tolist()}
             return np.array(store.once(point, lambda: {"found": getattr(of, what)(values)})["found"])
 
-        self.predict: Callable[[Array], Array] = partial(kept, "predict")
-        self.jacobian: Callable[[Array], Array] = partial(kept, "jacobian")
-        self.doubts: Callable[[Array], list[str]] = lambda values: kept("doubts", values).tolist()
+        self.predict: Callable[[Array], Array] = partial(stored, "predict")
+        self.jacobian: Callable[[Array], Array] = partial(stored, "jacobian")
+        self.doubts: Callable[[Array], list[str]] = lambda values: stored("doubts", values).tolist()

@@ -29,7 +29,7 @@ from tensegrity_mj.runs.judgement import in_short
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.identification.fitting import FitOptions, Problem, fit
 from tensegrity_mj.studies.identification.measurements import Observation
-from tensegrity_mj.studies.identification.predictions import Kept, predictions_of
+from tensegrity_mj.studies.identification.predictions import StoredPredictions, predictions_of
 from tensegrity_mj.studies.identification.unknowns import Parameter, Unknowns
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report, runs_in
@@ -148,14 +148,14 @@ def identify(
             "measurements": digest([observed.labels, observed.times, observed.rows, observed.columns]),
             "versions": versions(engine),
         }
-    with opened(runs_in(folder), plain(study, "the study")) as kept:
-        model = predictions if folder is None else Kept(predictions, kept)
+    with opened(runs_in(folder), plain(study, "the study")) as store:
+        model = predictions if folder is None else StoredPredictions(predictions, store)
         try:
             found = fit(Problem(model, unknowns, observed), chosen, progress)
             values = np.array([row["value"] for row in found["parameters"]])
             found["doubts"] = model.doubts(values)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
+            raise KeyboardInterrupt(store.stopped("{} runs are finished")) from None
     draft = unknowns.at(values)
     data = {**facts, "versions": versions(engine), **found}
     return Identification(data, scene=draft.plant or draft.scene).kept(folder)
@@ -179,7 +179,7 @@ def page_of(data: Data) -> Page:
     pictures = [
         Picture(_fitted(data), "Measured (dots) and fitted (lines): the series that move most."),
         Picture(
-            _told(data),
+            _information_figure(data),
             f"Intervals of {level} confidence, starts as crosses; information by parameters in parts of their starts, "
             "before and after the fit; what is left, of which 95 % are within the dashed lines where it is white.",
         ),
@@ -244,7 +244,7 @@ def _fitted(data: Data) -> Figure:
     return figure
 
 
-def _told(data: Data) -> Figure:
+def _information_figure(data: Data) -> Figure:
     """Intervals; eigenvalues of the Fisher information; autocorrelation of the residuals."""
     known = [row for row in data["parameters"] if math.isfinite(row["deviation"]) and row["value"]]
     figure = new_figure(3 * COLUMN, max(ROW, 0.8 + 0.22 * len(known)))

@@ -172,13 +172,13 @@ class Reference:
         value = self.facts["own_error"]
         return float("inf") if value is None else float(value)
 
-    def to_keep(self) -> dict[str, Any]:
-        """Plain values, and arrays of the motion, of which `kept` makes it again."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, and arrays of the motion, of which `from_dict` makes it again."""
         return {"facts": self.facts, "motion": None if self.motion is None else vars(self.motion)}
 
     @classmethod
-    def kept(cls, found: Mapping[str, Any]) -> Reference:
-        """A reference as it was kept."""
+    def from_dict(cls, found: Mapping[str, Any]) -> Reference:
+        """Make a reference from what `to_dict` returned."""
         motion = None if found["motion"] is None else Motion(**{k: np.array(v) for k, v in found["motion"].items()})
         return cls(motion, found["facts"])
 

@@ -124,11 +124,11 @@ def tradeoff(
         "options": chosen.to_dict(),
         "versions": versions(),
     }
-    with opened(runs_in(folder), plain(study, "the study")) as kept:
+    with opened(runs_in(folder), plain(study, "the study")) as store:
         try:
-            found = _measure(scene, made, chosen, kept, progress)
+            found = _measure(scene, made, chosen, store, progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(kept.stopped("{} runs are finished")) from None
+            raise KeyboardInterrupt(store.stopped("{} runs are finished")) from None
     data: Data = {
         "format": FORMAT,
         "scene": {
@@ -150,7 +150,7 @@ def tradeoff(
 # ---------------------------------------------------------------------------------------------------- references
 
 
-def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: Store, progress: bool) -> Data:
+def _measure(scene: Scene, law: Any, options: TradeoffOptions, store: Store, progress: bool) -> Data:
     """The experiments with their references, then every setting of each, pass by pass."""
     native = None if law is None else native_law(law, scene.structure)
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
@@ -164,14 +164,14 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: Store, prog
         for experiment in closed:
             # The open loop alone may need the state of one closed loop to start from.
             if wanted or not any(one.motion for one in references.values()):
-                references[experiment.key] = _reference(experiment, options, kept)
+                references[experiment.key] = _reference(experiment, options, store)
             bar.update()
         if Loop.OPEN in options.loops:
-            todo.append(_open(scene, options, list(references.values()), kept))
+            todo.append(_open(scene, options, list(references.values()), store))
             bar.update()
     todo += [(experiment, references[experiment.key]) for experiment in wanted]
     settings = {experiment.key: settings_of(experiment, options) for experiment, _ in todo}
-    records = _passes(scene.name, todo, settings, options, kept, progress)
+    records = _passes(scene.name, todo, settings, options, store, progress)
     continuous = references.get(Mode.CONTINUOUS.value)
     results = [
         result_of(experiment, reference, continuous, settings[experiment.key], records[experiment.key])
@@ -184,22 +184,22 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: Store, prog
     }
 
 
-def _reference(experiment: Experiment, options: TradeoffOptions, kept: Store) -> Reference:
+def _reference(experiment: Experiment, options: TradeoffOptions, store: Store) -> Reference:
     point = {"kind": "reference", "experiment": experiment.to_dict()}
-    return Reference.kept(kept.once(point, lambda: find_reference(experiment, options.budget).to_keep()))
+    return Reference.from_dict(store.once(point, lambda: find_reference(experiment, options.budget).to_dict()))
 
 
 def _open(
-    scene: Scene, options: TradeoffOptions, closed: Sequence[Reference], kept: Store
+    scene: Scene, options: TradeoffOptions, closed: Sequence[Reference], store: Store
 ) -> tuple[Experiment, Reference]:
     """The open loop and its reference: from the scene's start or, if nothing moves there, from a state of the law's."""
-    experiment, reference = _shortened(open_loop(scene, options, None), options, kept)
+    experiment, reference = _shortened(open_loop(scene, options, None), options, store)
     starts = [one.facts["fastest"] for one in closed if one.motion is not None]
     if not reference.stays:
         return experiment, reference
     if starts:
         with contextlib.suppress(SceneError):  # a state that has drifted is no start
-            return _shortened(open_loop(scene, options, starts[0]), options, kept)
+            return _shortened(open_loop(scene, options, starts[0]), options, store)
     motion = reference.facts["motion"]
     most = f" by more than {advising.metres(motion)} in {experiment.duration:g} s" if motion else ""
     reason = f"without a law nothing moves{most}, so that there is no error to measure"
@@ -208,7 +208,7 @@ def _open(
     return experiment, Reference(None, reference.facts | {"engine": None, "own_error": None, "reason": reason})
 
 
-def _shortened(experiment: Experiment, options: TradeoffOptions, kept: Store) -> tuple[Experiment, Reference]:
+def _shortened(experiment: Experiment, options: TradeoffOptions, store: Store) -> tuple[Experiment, Reference]:
     """The experiment, shortened until a reference within the budget is known to `SURE` of its motion."""
     found: list[tuple[Experiment, Reference]] = []
     for part in SHORTER:
@@ -220,7 +220,7 @@ def _shortened(experiment: Experiment, options: TradeoffOptions, kept: Store) ->
             )
             shorter = float(f"{part * experiment.duration:.12g}")
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
-        reference = _reference(tried, options, kept)
+        reference = _reference(tried, options, store)
         found.append((tried, reference))
         if _uncertainty(reference) <= SURE or reference.stays:
             return tried, reference
@@ -265,7 +265,7 @@ def _passes(
     todo: Sequence[tuple[Experiment, Reference]],
     settings: Mapping[str, Sequence[Setting]],
     options: TradeoffOptions,
-    kept: Store,
+    store: Store,
     progress: bool,
 ) -> dict[str, list[list[Data]]]:
     """The records of every setting, one a pass: each pass runs all of them once, so that load hits all alike."""
@@ -282,14 +282,14 @@ def _passes(
         with bar_of(f"{name}: pass {number + 1} of {options.repeats}", len(points), 0, progress) as bar:
             for experiment, reference, place, setting in points:
                 point = {"kind": "run", "pass": number, "experiment": experiment.key, "setting": setting.to_dict()}
-                if digest(point) not in kept.outcomes and (experiment.key, setting.family) not in warm:
+                if digest(point) not in store.outcomes and (experiment.key, setting.family) not in warm:
                     attempt(experiment, setting.engine, experiment.interval)  # compiles and loads
                     warm.add((experiment.key, setting.family))
 
                 def compute(of: Experiment = experiment, to: Reference = reference, by: Setting = setting) -> Data:
                     return record(attempt(of, by.engine), by.engine, to.motion)
 
-                runs[experiment.key][place].append(kept.once(point, compute))
+                runs[experiment.key][place].append(store.once(point, compute))
                 bar.update()
     return runs
 
