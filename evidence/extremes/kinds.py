@@ -1,4 +1,4 @@
-"""The kinds of extreme runs: for each a function that draws a scene, and what drives it, by chance.
+"""The kinds of extreme runs: for each a function that draws a scene, and what drives it, at random.
 
     experiment = Kind.STIFF.draw(np.random.default_rng([0, 7]))
 

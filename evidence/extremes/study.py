@@ -88,7 +88,7 @@ class Extremes(Report):
             found = [one for one in data["results"] if one["verdict"] == verdict.value]
             sections.append(Section(f"{verdict.value}: {len(found)}", [meaning], [_runs(found)] if found else []))
         how = " MuJoCo stepped by hand with its autoreset on (the test of the test)." if setup["autoreset"] else ""
-        introduction = f"Runs at the extremes, drawn by chance with seed {setup['seed']}, each judged.{how}"
+        introduction = f"Runs at the extremes, drawn at random with seed {setup['seed']}, each judged.{how}"
         return Page(f"{setup['runs']} extreme runs", introduction, self.judgement, sections)
 
 
@@ -111,7 +111,7 @@ def extremes(
     folder: str | os.PathLike[str] | None = None,
     **how: Unpack[RunOptions],
 ) -> Extremes:
-    """Make extreme runs by chance and judge each.
+    """Draw extreme runs at random, make them and judge each.
 
     Args:
         runs: how many.

@@ -66,7 +66,7 @@ class Experiment:
         actuation: of the law.
         engine: name of the engine's class.
         accuracy: [m] requested.
-        words: what was drawn, for the report.
+        description: what was drawn, for the report.
     """
 
     scene: Scene
@@ -74,7 +74,7 @@ class Experiment:
     actuation: Actuation
     engine: str
     accuracy: float
-    words: str
+    description: str
 
 
 def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
@@ -82,22 +82,22 @@ def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
     rng = np.random.default_rng([seed, number])
     engine = ENGINES[number % 3]
     if kind is not Kind.SHIPPED:
-        scene, distance, words = (
+        scene, distance, description = (
             _random(rng) if kind is Kind.RANDOM else _eventful(rng, SORTS[number // 3 % len(SORTS)])
         )
         accuracy = distance * 10 ** -rng.uniform(*DEPTH)
-        return Experiment(scene, None, Actuation.continuous(), engine, _request(accuracy), f"random: {words}")
+        return Experiment(scene, None, Actuation.continuous(), engine, _request(accuracy), f"random: {description}")
     decade = (number // 3) % 8  # 1e-2 .. 1e-9 and down to a tenth of it
     accuracy = 10.0 ** (-2 - decade - rng.uniform())
-    scene, law, words = _shipped(rng, duration := float(rng.choice([0.5, 1.0, 2.0, 3.0])))
+    scene, law, description = _shipped(rng, duration := float(rng.choice([0.5, 1.0, 2.0, 3.0])))
     actuation = Actuation.continuous()
     if law is not None:
         period = float(rng.choice([0.005, 0.01, 0.02]))
         mode = (Mode.CONTINUOUS, Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)[int(rng.integers(3))]
         if mode is not Mode.CONTINUOUS:
             actuation = Actuation(mode, period)
-            words += f", {actuation.mode.value} {period:g} s"
-    return Experiment(scene, law, actuation, engine, _request(accuracy), f"shipped: {words}, {duration:g} s")
+            description += f", {actuation.mode.value} {period:g} s"
+    return Experiment(scene, law, actuation, engine, _request(accuracy), f"shipped: {description}, {duration:g} s")
 
 
 def _request(accuracy: float) -> float:

@@ -61,7 +61,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     number = int(point["number"])
     experiment = draw(int(point["seed"]), number, Kind(point["kind"]))
     scene, requested = experiment.scene, experiment.accuracy
-    row: dict[str, Any] = {"experiment": experiment.words, "engine": experiment.engine, "requested": requested}
+    row: dict[str, Any] = {"experiment": experiment.description, "engine": experiment.engine, "requested": requested}
     engine = make_engine(experiment.engine.lower(), {"accuracy": requested})
     try:
         run = simulate(scene, experiment.law, engine, actuation=experiment.actuation)
@@ -97,7 +97,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     row |= {"cost_ratio": 1.0, "lucky_ratio": row["evaluations"] / lucky.evaluations if lucky else 1.0}
     if cheapest is not None:
         row |= {
-            "cheapest": cheapest.words,
+            "cheapest": cheapest.description,
             "cheapest_evaluations": cheapest.evaluations,
             "cheapest_error": cheapest.error,
             "cost_ratio": row["evaluations"] / cheapest.evaluations,

@@ -54,7 +54,7 @@ class Truth:
 class Cheapest:
     """A setting of the sweep whose true error is within the request: what it is, its evaluations and error [m]."""
 
-    words: str
+    description: str
     evaluations: float
     error: float
 

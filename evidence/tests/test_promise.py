@@ -95,7 +95,7 @@ def test_nothing_measured_is_no_division_by_zero() -> None:
 def test_a_number_draws_the_same_experiment_again() -> None:
     for number in (0, 1, 3, 4):
         first, second = draw(5, number), draw(5, number)
-        assert (first.words, first.accuracy, first.engine) == (second.words, second.accuracy, second.engine)
+        assert (first.description, first.accuracy, first.engine) == (second.description, second.accuracy, second.engine)
         assert first.scene == second.scene
     # Engines go round; of shipped scenes, decades do, so that 24 experiments hold every combination.
     assert [draw(5, number).engine for number in range(4)] == ["MuJoCo", "DAE", "ODE", "MuJoCo"]

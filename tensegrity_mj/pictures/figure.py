@@ -62,7 +62,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def grid_of_panels(count: int, columns: int, width: float, height: float, room: float = 0.0) -> tuple[Figure, Any]:
     """A figure with `count` panels of that size [inches] in rows of at most `columns`, and `room` below; the panels."""
-    columns = min(beside(columns), count)
+    columns = min(panels_in_a_row(columns), count)
     rows = -(-count // columns)
     figure = new_figure(columns * width, rows * height + room)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -71,7 +71,7 @@ def grid_of_panels(count: int, columns: int, width: float, height: float, room: 
     return figure, panels[:count]
 
 
-def beside(columns: int) -> int:
+def panels_in_a_row(columns: int) -> int:
     """Return the number of panels in a row: one in a paper's column."""
     wanted = paper.chosen()
     return columns if wanted is None or wanted.columns == 2 else 1

@@ -30,10 +30,10 @@ from tensegrity_mj.pictures.figure import (
     MAX_LEGEND,
     ROW,
     PathLike,
-    beside,
     line_style,
     new_figure,
     note,
+    panels_in_a_row,
     print_png,
     saved,
 )
@@ -244,7 +244,7 @@ def plot_comparison(comparison: Comparison, path: PathLike | None = None, *, run
         OptionError: a path that cannot be written.
     """
     time = np.asarray(comparison.time, float)
-    columns = beside(3)
+    columns = panels_in_a_row(3)
     figure = new_figure(columns * COLUMN, 6 // columns * ROW + 0.6)
     panels = figure.subplots(6 // columns, columns, sharex=True)
     for panel, name in zip(panels.ravel(), DRAWN, strict=True):

@@ -13,7 +13,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.curves import DIGITS, WIDTH, draw_curves, rod_groups, string_groups
-from tensegrity_mj.pictures.figure import COLUMN, GREY, ROW, beside, frame, new_figure, note
+from tensegrity_mj.pictures.figure import COLUMN, GREY, ROW, frame, new_figure, note, panels_in_a_row
 from tensegrity_mj.pictures.motion import down_of
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -142,7 +142,7 @@ def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:
 
 def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, Any]:
     """Three panels in a row for each run, or four in two; in a paper's column all below one another."""
-    columns = beside(2 if count == 4 else 3)
+    columns = panels_in_a_row(2 if count == 4 else 3)
     lines = count // columns
     # A legend below a panel takes about a quarter of its height; several above one another are flatter.
     tall = 1.25 * ROW if lines == 1 else lines * (0.85 if columns == 1 else 1.1) * ROW

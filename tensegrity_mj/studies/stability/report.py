@@ -110,7 +110,7 @@ class StabilityStudy:
         return [{key: (row["point"] | row)[key] for key in keys} for row in rows]
 
     def _drawn(self, name: str, points: Sequence[dict[str, Any]]) -> dict[str, Any]:
-        """The limits of structures that were drawn by chance."""
+        """The limits of structures that were drawn at random."""
         rows = self._limits(name, f"{name} structures", points, list(self.engines))
         kept = [row["values"] for row in rows if row["values"] is not None]
         return {"seed": self.seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
