@@ -442,7 +442,7 @@ def test_the_picture_has_all_that_it_tells() -> None:
     seen = {"before": [0.0, 0.25, 40.0], "after": [3.0]}
     data: dict[str, Any] = {name: {"eigenvalues": values} for name, values in seen.items()} | {"parameters": parameters}
     data["whiteness"] = {"lags": 2, "autocorrelation": [0.1, -0.2], "bound": 0.3}
-    left, middle, right = result._told(data).axes
+    left, middle, right = result._information_figure(data).axes
     assert [line.get_ydata().tolist() for line in left.get_lines() if line.get_marker() == "x"] == [[0]]
     assert [line.get_xdata().tolist() for line in left.get_lines() if line.get_marker() == "x"] == [[1.25]]
     drawn = [line.get_ydata() for line in middle.get_lines()]
