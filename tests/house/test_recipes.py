@@ -63,7 +63,7 @@ def test_what_stands_before_the_recipes_runs(folder: Path) -> None:
     names: Names = {"__name__": "page"}
     assert run_blocks(section("In five minutes"), folder, names) == 1
     assert run_blocks(section("By its file"), folder, names) == 2
-    rest = PAGE.read_text("utf-8").partition("## What a law may say")[2].partition("## Recipes")[0]
+    rest = PAGE.read_text("utf-8").partition("## Attributes of a law")[2].partition("## Recipes")[0]
     assert run_blocks(rest, folder, names) == 1  # an `ArrayPolicy`
 
 
