@@ -232,7 +232,7 @@ class Noisy(_Sampled):
 
 
 class Delayed(_Sampled):
-    """A law whose answers come some control samples late, with all that it reports of them.
+    """A law whose commands, with their reports, come some control samples late.
 
     At sample n the answer is that of sample n - `samples`. Until the first has come through it is that of sample 0: the
     structure is taken to have stood at its start before.

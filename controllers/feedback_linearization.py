@@ -145,7 +145,7 @@ class FeedbackLinearization(ModelLaw):
 
 
 class _Evaluation:
-    """The law in one run: what it keeps from call to call is where its searches start, and what it may hold."""
+    """The law in one run; between calls it keeps the start of its searches, and the u that it may hold."""
 
     command = Command.FORCE_DENSITY
 

@@ -25,13 +25,13 @@ IMPORTED_AS |= {"mujoco.mjx": "mujoco-mjx", "tree": "dm-tree", "yaml": "pyyaml"}
 
 
 def distribution_of(module: str) -> str:
-    """The name by which pip installs the package of a module, as "pyyaml" for "yaml"."""
+    """Return the name by which pip installs the package of a module, as "pyyaml" for "yaml"."""
     top, inner, _ = f"{module}..".split(".", 2)
     return IMPORTED_AS.get(f"{top}.{inner}") or IMPORTED_AS.get(top, top.replace("_", "-"))
 
 
 def optional(package: str, what: str, wanted: str = "") -> Any:
-    """A package that is needed by one call alone, imported; `wanted` is what to install, by default its distribution.
+    """Import a package that only one call needs; `wanted` is what to install, by default its distribution.
 
     Raises:
         MissingPackageError: naming that call and the command that installs the package.

@@ -163,13 +163,13 @@ def item_of(cls: type) -> Item:
 
 
 def refused(item: Any, text: str, given: Mapping[str, Any] | None = None) -> TensegrityError:
-    """The error of an item that is wrong, for a check of several of its fields; `given` are those not yet set."""
+    """Make the error of an invalid item, for a check of several fields; `given` are values that are not set yet."""
     of = item_of(type(item))
     return of.error(_label(of, {**vars(item), **(given or {})}) + text)
 
 
 def without_item(cls: type, values: Mapping[str, Any], error: TensegrityError) -> str:
-    """The message of an error that was raised by making a value, less the item in front."""
+    """Return the message of an error raised by making a value, without the item in front."""
     of = item_of(cls)
     return str(error).removeprefix(_label(of, values))
 

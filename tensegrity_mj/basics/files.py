@@ -21,7 +21,7 @@ LEFT = 60.0  # [s]: one that is older has the lock of the process that writes it
 
 
 def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
-    """The path, once it is certain that a file of that kind may be written there.
+    """Check that a file of that kind may be written at a path, and return the path.
 
     Raises:
         OptionError: no path, unknown suffix, missing or unwritable folder, or something there that is no writable file.

@@ -12,7 +12,7 @@ SPARSE = 30.0  # s between lines at the beginning
 
 
 def bar(shown: bool, desc: str, **settings: Any) -> Any:
-    """A bar of tqdm with its settings; lines where it could not be seen, and nothing where none is to be shown."""
+    """Make a bar of tqdm with its settings; lines of text without a terminal, and nothing unless `shown`."""
     if not shown:
         return NoBar()
     if not (in_notebook() or sys.stderr.isatty()):
@@ -52,7 +52,7 @@ class NoBar:
 
 
 class Lines(NoBar):
-    """A line after half a minute, and each time when as much, and a tenth of all time so far, has gone by since."""
+    """Progress as lines: one after half a minute, then each time after as much and a tenth of the time so far."""
 
     def __init__(self, desc: str, total: float | None) -> None:
         self.desc, self.total, self.begun, self.last = desc, total, time.monotonic(), 0.0

@@ -22,7 +22,7 @@ _RESERVED = frozenset({"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("
 
 
 def value_text(value: object) -> str:
-    """The value as Python writes it, or of a long one the beginning."""
+    """Return a value as Python writes it, or the beginning of a long one."""
     try:
         text = repr(value)
     except ValueError:  # Python writes no integers of more than some thousand digits
@@ -31,7 +31,7 @@ def value_text(value: object) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """The text, or of a long one the beginning."""
+    """Return a text, or the beginning of a long one."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
@@ -41,7 +41,7 @@ def at_a_glance(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def file_name(text: str) -> str:
-    """A name for a file or a folder: the text itself where it is a harmless one, else what is harmless of it.
+    """Make a name for a file or a folder: the text itself where it is harmless, otherwise its harmless part.
 
     The result has no separator, no control character and no device's name, is neither empty nor hidden, starts with
     no hyphen, and has at most `MOST_BYTES` bytes. Texts that differ get names that differ: a name that had to be
@@ -61,7 +61,7 @@ def file_name(text: str) -> str:
 
 
 def figure_text(text: str, most: int = 120) -> str:
-    """A text for matplotlib, which draws it as it is: no $ of it begins a formula, and no label is hidden.
+    """Escape a text for matplotlib, so that no $ begins a formula and no label is hidden.
 
     Longer texts are cut. Formulas of our own may be in the same label, but not directly behind this text.
     """
@@ -89,7 +89,7 @@ def markdown_row(cells: Sequence[str]) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The one of the known words that a misspelt one was probably meant to be, or nothing."""
+    """Find the known word that a misspelt one was probably meant to be; "" for none."""
     import difflib  # only where something is misspelt
 
     candidates = list(known)
@@ -108,6 +108,6 @@ def closest(word: str, known: Iterable[str]) -> str:
 
 
 def unknown(given: str, known: Iterable[str], what: str) -> str:
-    """'rods' is no ...: what is allowed, and what was probably meant."""
+    """Make the message about an unknown name: the allowed ones, and the one probably meant."""
     names = list(known)
     return f"there is no {what} '{given}'{closest(given, names)}; allowed: {', '.join(names)}"

@@ -1,8 +1,8 @@
-"""Elements as compiled code sees them: a C function each, and one loop that lets all of a scene act.
+"""Elements in compiled code: a C function each, and one loop that calls those of a scene.
 
     int64 act(double t, int64 motion, int64 context, int64 effect)
 
-The integers are addresses of tables (`views`): a `Motion`, what the element has packed, and an `Effect`, to whose
+The integers are addresses of tables (`views`): a `Motion`, the element's own table, and an `Effect`, to whose
 forces (N, 3) [N] it adds its own. Each element has an effect to itself, whose forces are zero when it is called. The
 rest follows from forces and speeds: the power F·v of an element is given, lost or stored as its `Work` says, and so is
 that of forces which an integrator of one stage holds over a step.

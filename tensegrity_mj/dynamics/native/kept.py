@@ -1,13 +1,13 @@
-"""Machine code that is kept between runs: where the files are, how they are named, and how one is made to run.
+"""Machine code that is kept between runs: the files, their names, and loading.
 
-C functions are kept as what they are, an object file of the machine; LLVM links it into the process, and numba is not
-even imported. Functions that Python calls are kept as numba keeps them. Each entry is one file, named after its
+C functions are kept as object files of the machine; LLVM links them into the process, and numba is not even
+imported. Functions that Python calls are kept as numba keeps them. Each entry is one file, named after its
 content: processes that compile the same function at the same time do not disturb each other, as they could in numba's
 common index.
 
-An entry belongs to a kind of processor. Beside those compiled here, the package may hold entries for any processor of
-its architecture, compiled when the package was built (`scripts/compile_ahead.py --ship`): they are used where nothing
-else is kept, whichever numba is installed.
+An entry belongs to a kind of processor. The package may also hold entries for any processor of
+its architecture, compiled when the package was built (`scripts/compile_ahead.py --ship`): they are used where no
+code was compiled here, with any release of numba.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def processors() -> tuple[str, ...]:
 def folders(source: str) -> tuple[Path, ...]:
     """Folders that may hold compiled functions of a source file; new ones go to the first that can be written to.
 
-    NUMBA_CACHE_DIR, `__pycache__` beside the source, `tensegrity-mj` in XDG_CACHE_HOME or in ~/.cache.
+    NUMBA_CACHE_DIR, `__pycache__` in the source's folder, `tensegrity-mj` in XDG_CACHE_HOME or in ~/.cache.
     """
     parent = Path(source).resolve().parent
     part = f"{parent.name}_{hashed(str(parent))[:16]}"
@@ -75,7 +75,7 @@ def folders(source: str) -> tuple[Path, ...]:
 
 
 def base_name(function: Any) -> str:
-    """The first part of the names of a function's entries."""
+    """Return the first part of the names of a function's entries."""
     name = function.__qualname__.replace("<", "").replace(">", "")
     return f"{Path(function.__code__.co_filename).stem}.{name}.{sys.implementation.cache_tag}"
 
@@ -153,13 +153,13 @@ class Code:
         return cls(header["symbol"], header["externals"], content)
 
     def entry(self) -> bytes:
-        """Itself, as a file holds it."""
+        """Return the code as the content of a file."""
         header: dict[str, Any] = {"symbol": self.symbol, "externals": self.externals}
         header |= {"size": len(self.content), "hash": hashed(self.content)}
         return _HEAD + json.dumps(header).encode() + b"\n" + self.content
 
     def load(self) -> int:
-        """Link it into the process; gives the address of the function, 0 where it needs what is not there."""
+        """Link the code into the process; return the function's address, 0 where a symbol that it needs is missing."""
         import llvmlite.binding as llvm
 
         with _loading:
@@ -245,9 +245,9 @@ def _places(function: Any, signature: str, options: dict[str, Any]) -> Iterator[
 
 
 def warn_once(reason: str) -> None:
-    """Say that nothing can be kept: once, there are hundreds of functions."""
-    if not _told:
-        _told.append(reason)
+    """Warn once that compiled code cannot be cached."""
+    if not _warned:
+        _warned.append(reason)
         warnings.warn(
             f"compiled functions cannot be kept: {reason}. Each start compiles them again, which may take minutes; "
             "set NUMBA_CACHE_DIR to a folder that you may write in",
@@ -256,4 +256,4 @@ def warn_once(reason: str) -> None:
         )
 
 
-_told: list[str] = []
+_warned: list[str] = []

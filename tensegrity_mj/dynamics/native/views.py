@@ -15,7 +15,7 @@ first array that has it, and is that array's unless it is set.
 A table is int64 numbers: sizes, the bits of reals, and addresses of arrays. A view is its address and nothing else; its
 fields are resolved while it is compiled, and are read from where the table is. Compiled code may take the sizes and
 addresses of a table for constants: one that changes them is read by a `changing_view` alone, whose sizes and arrays are
-to be taken once, before a loop. Reals and states may be written; an array set in a changing view is another place.
+to be taken once, before a loop. Reals and states may be written; setting an array of a changing view sets its address.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Value classes out of tables of a file and into them, each by its fields (`basics.fields`), and each way once.
+"""Conversion of tables of a file to value classes and back, by the fields of the class (`basics.fields`).
 
-A class whose table is not what its fields are has functions of its own in `READERS` and `WRITERS`. A class that is no
-value class stands for all that are registered for it (`basics.fields.register`): the key `kind` of a table says which.
+A class whose table has other keys than its fields has functions of its own in `READERS` and `WRITERS`. A class that is
+no value class stands for all registered for it (`basics.fields.register`): the key `kind` of a table says which.
 """
 
 from __future__ import annotations

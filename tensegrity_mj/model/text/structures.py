@@ -1,6 +1,6 @@
-"""Reads a [structure], and what of it is not a table of its fields: supports by their kind, sections as tubes.
+"""Reader of [structure], with the parts that are no tables of fields: supports by their kind, sections as tubes.
 
-What its members share, `defaults` and `groups`, is first written out in each of them.
+Keys that members share by `defaults` and `groups` are first written out in each of them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A table of a file, which reads its keys with their types, or says what is wrong."""
+"""A table of a file, which reads its keys with their types, or reports errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tensegrity_mj.model.structure_checks import names_of
 
 
 class Table:
-    """A TOML table that knows its place and reads its keys with their types, or says what is wrong."""
+    """A TOML table that knows its place and reads its keys with their types, or reports errors."""
 
     def __init__(self, data: Any, file: str, path: str, keys: Sequence[str] | None) -> None:
         self.file, self.path = file, path
@@ -106,7 +106,7 @@ class Table:
 
 
 def shown(value: Any) -> str:
-    """A value as a person would write it, with its type, and not endlessly long."""
+    """Format a value as text, with its type, shortened where it is long."""
     kinds = {
         str: "a text",
         bool: "a truth value",
