@@ -33,7 +33,7 @@ def engine_of(name: str, level: float) -> Any:
         level: the step [s]; the rtol of a method that controls its error, whose atol is a hundredth of it.
 
     Raises:
-        OptionError: for a name of nothing.
+        OptionError: for an unknown name.
     """
     family, _, word = name.partition(" ")
     if family not in ENGINES:

@@ -69,7 +69,7 @@ def linearize(
     time: float | None = None,
     inputs: Command = Command.REST_LENGTH,
 ) -> Linearization:
-    """The linear model of a scene about a state, from an engine's own equations.
+    """Linearize a scene about a state, with an engine's own equations.
 
     Args:
         scene: structure, gravity, loads, elements with the states that they start with, and the strings that have
@@ -89,7 +89,7 @@ def linearize(
             touches.
         SceneError: for a state that stretches a rod or breaks a support, and where supports move: the model would
             depend on time. Leave motions out with scene.with_(motions=()).
-        InfeasibleError, ControllerError: what the law says at the state.
+        InfeasibleError, ControllerError: if the law has no solution at the state, or fails there.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     engine = checked_engine(engine, "accelerations")

@@ -34,7 +34,7 @@ STILL = 1e-12  # of the largest |λ|: a damping below it is none
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """A linear model, see the text of `linearization`; n coordinates δ, M strings, N nodes, S states of elements.
+    """A linear model, see `linearization`; n coordinates δ, M strings, N nodes, S states of elements.
 
     Attributes:
         engine: one line.

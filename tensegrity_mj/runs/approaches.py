@@ -76,8 +76,8 @@ class Clearance:
         smallest: of each kind of pairs, None where there is no such pair.
         below: [m], what `events` are of.
         events: all stretches of time in which two elements are at most so far apart, by time.
-        pairs: the nearest of every pair, the nearest first; None unless wanted.
-        time, over_time: at the samples (T,) [s] the smallest distance (T,) [m] of each kind; None unless wanted.
+        pairs: the nearest of every pair, the nearest first; None unless requested.
+        time, over_time: at the samples (T,) [s] the smallest distance (T,) [m] of each kind; None unless requested.
     """
 
     name: str

@@ -5,12 +5,12 @@ string has a radius of zero unless given, and slack ones are as straight as taut
 the surfaces, negative where elements overlap: by what must be given way to, or by all of both radii where the centre
 lines cross.
 
-Elements that share a node are joined and not looked at: their distance is zero at the joint, by construction. So
-nothing is said of two joined rods that fold onto each other.
+Elements that share a node are joined and left out: their distance is zero at the joint, by construction. So two joined
+rods that fold onto each other are not reported.
 
 Between its samples a trajectory is the cubics of its node positions and velocities (Hermite). Over these the search
-leaves nothing out, see `least_distance`: a thin rod that passes another between two samples is found. What the
-cubics differ from the true motion is estimated by how well those over every second sample meet the samples between.
+leaves nothing out, see `least_distance`: a thin rod that passes another between two samples is found. The difference
+between the cubics and the true motion is estimated by how well those over every second sample meet the samples between.
 """
 
 from __future__ import annotations
@@ -249,7 +249,7 @@ class ClearanceOf:
     Attributes:
         what: a run; or a scene (at its start), a structure (at its reference) or a state of equilibrium.
         nodes: of a structure elsewhere: (N, 3) [m], or (T, N, 3) with `time` (T,) [s] and `velocities` [m/s].
-        pairs: kinds of pairs to look at, or one.
+        pairs: kinds of pairs to search, or one.
         below: [m]: `events` has all approaches to at most this; 0 for touches and passages.
         string_radius: [m] of every string.
         tolerance: [m], see `Clearance`; events of down to this much above `below` may be among those reported.

@@ -136,7 +136,7 @@ def compare(
         tolerances: other ones by units, m, m/s, N, N/m or J: {"N": 1e-3}.
 
     Raises:
-        OptionError: for what is no run or tolerance, where the structures differ, or where fewer than two times are
+        OptionError: for a wrong run or tolerance, where the structures differ, or where fewer than two times are
             common.
     """
     limits = math.nan if tolerance is None else positive("tolerance", tolerance), dict(tolerances or {})

@@ -1,6 +1,6 @@
 """Error of a run, judged from runs of the same experiment with other steps: differences, Richardson, and doubt.
 
-Only trajectories are needed, of whichever engine. For a method of order p, the largest node error of a run with step h
+Only trajectories are needed, of any engine. For a method of order p, the largest node error of a run with step h
 is close to C h^p. Two runs then differ by d = C (h1^p - h2^p), and the finer is wrong by d / ((h1/h2)^p - 1). Three
 runs show the order that is really there, which is lower where strings go slack or a law has kinks, and nothing at
 all where differences do not fall: then there is no error to state, and `Estimate.settled` is false.

@@ -35,7 +35,7 @@ class Score:
 
     Attributes:
         table: its name.
-        step: that it was computed with [s]; None where it is not known.
+        step: time step of its computation [s]; None where it is not known.
         error: largest distance of a node over the reference's times that the table has [m], of `node` at `time` [s].
         error_bar: of the reference [m].
         motion: largest distance of a node of the reference from where it begins [m].
@@ -140,7 +140,7 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
     """Measure how far a table is from a reference, as `reference_of` reads one.
 
     Args:
-        step: that the table was computed with [s], where its header does not say so.
+        step: time step of the table's computation [s], where its header does not state it.
 
     Raises:
         OptionError: for nodes that the reference does not have or that the table lacks although they move, times

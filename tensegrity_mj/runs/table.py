@@ -45,8 +45,8 @@ class Table:
         positions: (T, K, 3) [m].
         velocities: (T, K, 3) [m/s], or None.
         tensions, lengths: (T,) [N], [m] of strings by their names.
-        name: what it is called, such as the name of its file.
-        header: what the file says of itself, such as the `step` that it was computed with [s].
+        name: such as the name of its file.
+        header: values in the file's header, such as the time `step` of its computation [s].
 
     Raises:
         OptionError: where shapes do not fit, times do not rise or two nodes have the same name.

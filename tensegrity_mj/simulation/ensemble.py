@@ -137,9 +137,9 @@ def simulate_many(
 ) -> Ensemble:
     """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo or JAX.
 
-    Each run is what `simulate` makes of its scene: initial states, targets, loads, breaks, and any number of structure,
-    gravity and contact may differ. Nodes, rods and strings may not, nor what they have of joints and masses.
-    (`run_many` runs anything, in processes.) Scenes with the same structure, gravity and contact share one model; any
+    Each run equals that of `simulate`. Initial states, targets, loads, breaks, and all numbers of structure, gravity
+    and contact may differ from scene to scene. Nodes, rods and strings may not, nor which of them have joints or masses
+    (`run_many` runs any scenes, in processes). Scenes with the same structure, gravity and contact share one model; any
     other has its own, which takes longer to set up.
 
     Args:
@@ -158,7 +158,7 @@ def simulate_many(
 
     Raises:
         OptionError: for options that are out of range, and for scenes that differ in more than they may.
-            What becomes of a single run raises nothing here: see `Ensemble`.
+            A single run that fails raises nothing here: see `Ensemble`.
     """
     engine = _shared(engine, "simulate_many")
     threads = checked("threads (0 for all cores)", threads, kinds.whole(0))

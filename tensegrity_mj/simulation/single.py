@@ -143,7 +143,7 @@ def accelerations(
     Raises:
         OptionError: for options out of range, and where the engine's coordinates cannot hold the state.
         SceneError: for a state that stretches a rod or breaks a support.
-        InfeasibleError, ControllerError: what the law says at the state.
+        InfeasibleError, ControllerError: if the law has no solution at the state, or fails there.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     engine = checked_engine(engine, "accelerations")

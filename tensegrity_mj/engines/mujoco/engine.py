@@ -73,7 +73,7 @@ class MuJoCo:
         return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s{located}"
 
     def model(self, scene: Scene) -> mujoco.MjModel:
-        """The compiled model of a scene, the caller's own.
+        """Compile the model of a scene; it belongs to the caller.
 
         Raises:
             StructureError: for masses, sizes or depths that MuJoCo cannot hold, and where it compiles a node, a center
@@ -181,7 +181,7 @@ LOOP_ORDER = 2  # at most, where `connect` closes loops: its gap is of that orde
 
 
 def run_accurately(accuracy: float, request: Request, engine: Callable[..., Any]) -> Trajectory:
-    """The run of a request whose largest node error is at most `accuracy` [m], as far as it can be known.
+    """Make a run whose largest node error is at most `accuracy` [m], as far as it can be known.
 
     Args:
         accuracy: [m].

@@ -151,7 +151,7 @@ def run_accurately(
     with_method: Callable[..., Any],
     made: Callable[[Any, Request], Trajectory],
 ) -> Trajectory:
-    """The run of a request whose largest node error is at most `accuracy` [m], as far as it can be known.
+    """Make a run whose largest node error is at most `accuracy` [m], as far as it can be known.
 
     Args:
         accuracy: [m].

@@ -1,6 +1,6 @@
 """The MJCF of a scene as dm_control needs it, and a Physics of it.
 
-Two things are added to `mjcf.scene_to_mjcf`, since dm_control has no place for a control callback:
+It adds two things to `mjcf.scene_to_mjcf`, since dm_control has no place for a control callback:
 
 - Where actions are force densities, an actuator's gain is minus its string's length, so that its control is u itself:
   the rest length L0 = L (1 - u/k) is renewed at every stage of the integrator, without a callback.

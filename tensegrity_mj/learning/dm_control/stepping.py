@@ -113,7 +113,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         """Advance by so many time steps.
 
         Raises:
-            PhysicsDivergence: where the state leaves the finite world.
+            PhysicsDivergence: where a value becomes infinite or NaN.
             OptionError, ElementError: where the scene's load function or an element fails.
         """
         if self.string_actuators.needs_limits or len(self.forces):

@@ -43,7 +43,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         self._before: State | None = None
 
     def initialize_episode(self, physics: ScenePhysics) -> None:
-        """The scene's start (the reset went there), or one near it, at which nothing overlaps that may touch.
+        """Set the scene's start (the reset went there), or one near it, at which nothing overlaps that may touch.
 
         Raises:
             OptionError: where so many draws overlap that hardly any would not.

@@ -81,7 +81,7 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
     """Many robots in this process, stepped on threads: the same as that many `TensegrityEnv`s, to the bit.
 
     Args:
-        num_envs: of robots.
+        num_envs: number of robots.
         max_episode_steps: as of `TensegrityEnv`.
         autoreset_mode: see `gymnasium.vector.AutoresetMode`.
         task, render_mode: as of `TensegrityEnv`; "human" shows the first robot.
@@ -216,7 +216,7 @@ GEOMS = 10_000
 
 
 class Viewer:
-    """Draws a world's robots, the camera on the robot's centre; `close` it.
+    """Viewer of a world's robots, the camera on the robot's centre; `close` it.
 
     Raises:
         MissingLibraryError: where there is no OpenGL.

@@ -18,9 +18,9 @@ VecEnv: Any = optional("stable_baselines3.common.vec_env", "StableBaselinesVecEn
 class StableBaselinesVecEnv(VecEnv):  # type: ignore[misc]
     """A vector of Gymnasium's environments as Stable-Baselines3's `VecEnv`: PPO("MlpPolicy", StableBaselinesVecEnv(v)).
 
-    Stable-Baselines3 itself makes vectors of single environments only. `infos` have the terms of the reward, of an
-    episode that ended `terminal_observation`, and `TimeLimit.truncated` where it was truncated and not terminated, so
-    that the value of what would have followed is counted.
+    Stable-Baselines3 itself makes vectors of single environments only. `infos` have the terms of the reward,
+    `terminal_observation` of an episode that ended, and `TimeLimit.truncated` where it was truncated and not
+    terminated, so that the value of the state at the end is counted.
 
     Args:
         robots: a `TensegrityVectorEnv` with the autoreset mode "SameStep", as it is or in Gymnasium's wrappers.

@@ -1,4 +1,4 @@
-"""Robots that are commanded step by step, many at once, each of which starts anew when it wants: what learning needs.
+"""Robots for learning: commanded step by step, many at once, each of which starts anew at any time.
 
 A member is a run as `simulate` makes it, with its rest lengths commanded and held (`Actuation.hold_rest_length`), by
 the same compiled code. It records nothing and keeps no ledger: its state is read from the batch after each period.
@@ -34,7 +34,7 @@ NEVER = 2**40  # steps: more than any episode has
 
 
 class Fleet(MuJoCoEnsemble):
-    """Robots of one structure, of which each may have other numbers.
+    """Robots of one structure, whose numbers may differ from robot to robot.
 
     Attributes:
         commands: (n, M) [m], the rest lengths that are taken up at the next `advance`.

@@ -23,7 +23,7 @@ MOST_DRAWS = 100  # of a random start, before it is given up
 class RandomStart:
     """Episodes that start near the scene's start, drawn evenly and in all ways that rods and supports allow.
 
-    Of a scene with contact starts at which something overlaps are drawn anew. No rod spins about its own axis. Tasks
+    In a scene with contact, starts at which something overlaps are drawn anew. No rod spins about its own axis. Tasks
     refuse scenes whose rods close loops, or whose nodes are held by linear constraints: a draw would tear them open.
 
     Attributes:
@@ -40,7 +40,7 @@ class RandomStart:
 def displace(model: Any, data: Any, scene: Scene, start: RandomStart, generator: np.random.Generator) -> None:
     """Move MjData from the scene's start to one near it, at which nothing overlaps that may touch.
 
-    In MuJoCo's degrees of freedom, so that rods keep their lengths and their supports.
+    The draw is in MuJoCo's degrees of freedom, so that rods keep their lengths and their supports.
 
     Raises:
         OptionError: where so many draws overlap that hardly any would not.

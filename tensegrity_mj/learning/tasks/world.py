@@ -54,11 +54,11 @@ class Outcome:
 
 
 class World:
-    """Robots that play a task, each as often as it likes.
+    """Robots that play a task, each any number of times.
 
     Args:
         task: a Task, or the name of one.
-        count: of robots.
+        count: number of robots.
         action: "length": an action is a rest length between `low` (-1) and `high` (1) of the task; "speed": the speed
             of a winch, between as fast in (-1) and as fast out (1) as it can.
         parameters, draws: see `Variations`; the draws are made anew for each episode.
@@ -126,7 +126,7 @@ class World:
         self.size = int(ends[-1])
 
     def start(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
-        """Let these robots start anew, with what their generators draw; their observations (n, size).
+        """Let these robots start anew, with draws of their generators; return their observations (n, size).
 
         Raises:
             OptionError, StructureError, SceneError: where a draw makes no scene, or no start is found.
@@ -149,7 +149,7 @@ class World:
         return self._observed(ids)
 
     def step(self, ids: Ids, actions: Array) -> Outcome:
-        """A control period of these robots under actions (n, M) in [-1, 1]; what is beyond is taken for the limit.
+        """Make a control period of these robots under actions (n, M), which are clipped to [-1, 1].
 
         Raises:
             ControllerError: for actions of another shape, or that are not finite.
