@@ -6,8 +6,10 @@ dL/dt [m/s], pulls with the tension [N]
     T = max(0, k (L - L0) + c dL/dt)   where L > L0,   else 0          (CLIPPED)
     T =        k (L - L0) + c dL/dt    where L > L0,   else 0          (UNCLIPPED)
 
-where k (L - L0) stands for the elastic tension f(L - L0) of a string with a tension curve: functions here take a
-structure's `curves` for its stiffness.
+A string that grows longer from L = L0, to round-off, is taut already, so that its damper acts from then on: else a
+start there would have its damper missed for a stage, and steps of order 2. Where rest lengths follow a law at every
+stage dL/dt is not the rate of L - L0, and L > L0 alone counts. Here k (L - L0) stands for the elastic tension f(L - L0)
+of a string with a tension curve: functions take a structure's `curves` for its stiffness.
 
 The clipped law is a string: it never pushes. The unclipped variant lets the damper push in a taut string
 that shortens fast; it exists to compare with codes that compute so. The elastic part k (L - L0) over L is
@@ -51,9 +53,11 @@ def tension(
 ) -> Array:
     """Tension T [N] of the law above; arguments broadcast. `law`: or whether each string is clipped."""
     elastic = elastic_tension(stiffness, length, rest_length)
-    total = elastic + np.asarray(damping) * np.asarray(length_rate)
+    stretch, rate = np.asarray(length) - np.asarray(rest_length), np.asarray(length_rate)
+    total = elastic + np.asarray(damping) * rate
     clipped = law is StringLaw.CLIPPED if isinstance(law, StringLaw) else law
-    return np.where(elastic > 0.0, np.where(clipped, np.maximum(0.0, total), total), 0.0)
+    taut = (elastic > 0.0) | ((np.abs(stretch) <= EDGE * np.asarray(length)) & (rate > 0.0))
+    return np.where(taut, np.where(clipped, np.maximum(0.0, total), total), 0.0)
 
 
 def energy(stiffness: ArrayLike | TensionCurves, length: ArrayLike, rest_length: ArrayLike) -> Array:

@@ -90,6 +90,7 @@ class Model:
         self.scene, self.structure, self.law, self.effects = scene, scene.structure, law, effects
         self.system, self.strings = System(scene), Strings(scene.structure, window)
         self.mode = actuation.mode if law is not None else None
+        self.moves = self.mode in (Mode.CONTINUOUS, Mode.HOLD_FORCE_DENSITY)  # rest lengths, within a step
         self.sampled = self.mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)
         self.whole = np.ones(len(self.structure.strings))
         # Traced once for all stages of a step.
@@ -218,7 +219,7 @@ class Model:
         p, system = at.parameters, self.system
         lengths, speeds, units = self.strings.measure(x, v)
         rest, report = self._rest(at, t, x, v, lengths, held)
-        elastic, tensions = self.strings.tighten(p, lengths, speeds, rest, whole)
+        elastic, tensions = self.strings.tighten(p, lengths, speeds, rest, whole, self.moves)
         acting, lost, given = self.acting(at, t, x, v)
         forces = self.strings.pull(units, tensions) + acting
         mobility = self.mobility(at, t, x)

@@ -21,6 +21,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.jax.arrays import Arrays, incidence, lifted, norm, times
+from tensegrity_mj.model.strings import EDGE
 from tensegrity_mj.model.structure import Structure
 
 
@@ -121,12 +122,19 @@ class Strings:
             return lengths, rates, units
         return times(self.total, lengths), times(self.total, rates), units
 
-    def tighten(self, p: Arrays, lengths: Any, rates: Any, rest: Any, whole: Any) -> tuple[Any, Any]:
-        """Elastic and total tensions (M, ...) [N]; `whole` (M,) is 0 for broken strings."""
+    def tighten(
+        self, p: Arrays, lengths: Any, rates: Any, rest: Any, whole: Any, moves: bool = False
+    ) -> tuple[Any, Any]:
+        """Elastic and total tensions (M, ...) [N]; `whole` (M,) is 0 for broken strings.
+
+        A string that grows longer from zero is taut but where rest lengths follow a law: see `model.strings`.
+        """
         stretch = lengths - rest
         whole, clipped = lifted(whole, stretch), lifted(self.clipped, stretch)
         elastic = jnp.where(whole > 0, self.curves.pull(p, stretch)[0], 0.0)
         taut, push = elastic > 0, lifted(p["damping"], stretch) * rates
+        if not moves:
+            taut = taut | ((whole > 0) & (jnp.abs(stretch) <= EDGE * lengths) & (rates > 0))
         both = elastic + push
         tension = jnp.where(taut, jnp.where(clipped, jnp.maximum(both, 0.0), both), 0.0)
         jump = whole * jnp.where(clipped, jnp.maximum(push, 0.0), push)

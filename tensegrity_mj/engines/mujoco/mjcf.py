@@ -192,9 +192,13 @@ def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, time
 
 
 def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
-    """Exclude contact of rods that share a node; MuJoCo does so by itself where one hangs on the other."""
+    """Exclude contact of rods that share a node or that the scene names, besides those that MuJoCo knows."""
+    if scene.contact is None or not scene.contact.rods:
+        return
     pairs = {pair for rows in scene.structure.rods_at.values() for pair in itertools.combinations(sorted(rows), 2)}
-    if scene.contact is None or not scene.contact.rods or not pairs:
+    rods = {rod.name: row for row, rod in enumerate(scene.structure.rods)}
+    pairs |= {(min(two), max(two)) for two in ((rods[a], rods[b]) for a, b in scene.contact.exclude)}
+    if not pairs:
         return
     contact = ET.SubElement(root, "contact")
     for first, second in sorted(pairs):

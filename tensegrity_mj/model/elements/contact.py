@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array, unit
 from tensegrity_mj.basics.bisection import bisect
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import direction, each, flag, number, part, within
+from tensegrity_mj.basics.kinds import direction, each, flag, many, number, pair, part, within
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.rods import total_mass
@@ -52,6 +53,7 @@ class Contact:
         normal: of the floor, upwards; of any length but zero.
         terrain: heights above the level of the floor, whose normal is then z; None for a floor that is a plane.
         rods: whether rods touch each other, those that share a node excepted.
+        exclude: pairs of names of rods that do not touch each other either, such as diagonals that cross.
         friction: Coulomb's coefficient of sliding friction, within [1e-5, 1e5]; 0 for none.
         torsion: of friction that resists a turn about the contact's normal [m]: its torque by the normal force, about
             2/3 of the radius of what touches times `friction`. 0 for none.
@@ -87,6 +89,7 @@ class Contact:
     )
     torsion: float = field(FRICTION, default=0.0)
     rolling: float = field(FRICTION, default=0.0)
+    exclude: tuple[tuple[str, str], ...] = field(many(pair("rod"), "pairs of rods"), default=())
     terrain: Terrain | None = field(part(Terrain, "Ramp, Stairs, Rough or Heights"), default=None, none="None")
 
     def __attrs_post_init__(self) -> None:
@@ -117,6 +120,7 @@ class Contact:
 
 
 MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
+MOST_CROSSING = 6  # pairs of rods that a message names
 PIECE = 1_000_000  # pairs of boxes that are checked together
 
 
@@ -125,8 +129,8 @@ def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
     radii = np.full(len(structure.nodes), np.nan)
     if contact.floor is None:
         return np.full(len(radii), np.inf)
-    for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
-        radii[pair] = np.fmax(radii[pair], rod.radius)
+    for rod, ends in zip(structure.rods, structure.rod_nodes, strict=True):
+        radii[ends] = np.fmax(radii[ends], rod.radius)
     radii[[structure.node_index[point.node] for point in structure.lone_masses]] = 0.0
     return np.where(np.isfinite(radii), _clearance(contact, nodes, radii), np.inf)
 
@@ -238,8 +242,11 @@ def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tupl
                 )
     if contact.rods and len(structure.rods) > 1:
         pairs, gaps = rod_gaps(structure, nodes)
+        apart = {frozenset(names) for names in contact.exclude}
         for (i, j), gap in zip(pairs[gaps < 0], gaps[gaps < 0], strict=True):
             one, other = structure.rods[i], structure.rods[j]
+            if {one.name, other.name} in apart:
+                continue
             felt = one.mass * other.mass / (one.mass + other.mass) / 4
             found.append((f"rods '{one.name}' and '{other.name}' overlap by {-gap:.3g} m", -float(gap), felt))
     return found
@@ -279,6 +286,12 @@ def check_contact(scene: Scene) -> None:
         raise refused(contact, "there is neither a floor nor contact between rods: give one, or leave contact out")
     if contact.rods and len(scene.structure.rods) < 2:
         raise refused(contact, "rods = True, but there are no two rods that could touch: leave it out")
+    names = [rod.name for rod in scene.structure.rods]
+    for name in (name for two in contact.exclude for name in two):
+        if not contact.rods or name not in names:
+            raise refused(
+                contact, unknown(name, names, "rod to exclude") if contact.rods else "exclude needs rods = True"
+            )
     if contact.terrain is not None and scene.structure.lone_masses:
         # A ball as small as a point may be between two of MuJoCo's cells, and falls through.
         raise refused(
@@ -291,16 +304,16 @@ def check_contact(scene: Scene) -> None:
     allowed = [carrying_depth(contact, weight / mass) for _, _, mass in overlapping]
     found = [(text, most) for (text, depth, _), most in zip(overlapping, allowed, strict=True) if depth > most]
     if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        remedy = (
-            "start higher, lower the floor, or make rods thinner"
-            if "floor" in found[0][0]
-            else ("move them apart, make them thinner, or leave rods = False")
-        )
-        text, most = found[0]
+        most = found[0][1]
+        crossing = [text for text, _ in found if text.startswith("rods ")]
+        shown = crossing[:MOST_CROSSING] if len(crossing) == len(found) else [found[0][0]]
+        text = "; ".join(shown) + (f" (and {len(found) - len(shown)} more)" if len(found) > len(shown) else "")
+        remedy = "start higher, lower the floor, or make rods thinner"
+        if shown == crossing[: len(shown)]:
+            remedy = "move them apart, make them thinner, name such pairs in `exclude`, or leave rods = False"
         raise refused(
             contact,
-            f"at the start {text}{more}: {remedy}; {most:.3g} m are allowed, twice the depth at which this contact "
+            f"at the start {text}: {remedy}; {most:.3g} m are allowed, twice the depth at which this contact "
             "alone would carry the weight and the loads of all",
         )
 
