@@ -27,6 +27,7 @@ STEPPED = fields_of(  # the table of a plant that is driven in fixed steps: the 
     stride="size",
     ratio="size",
     total="size",
+    first_step="size",
     rows=("f8", "row_count", "row_size"),
 )
 
@@ -53,18 +54,13 @@ class Grid:
         count = steps["duration"]
         stride = steps.get("output interval", max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12)))))
         first, stride = steps.get("start", 0), min(stride, count)
-        if first % stride and request.output_interval is not None:
-            raise OptionError(
-                f"the run begins at {request.begin:.9g} s, which is no multiple of the output interval, "
-                f"{stride * step:.9g} s: give one that divides it"
-            )
-        stride = dividing(first, stride)
         check_rows(count / stride, least_width(request))
         return cls(step, count, stride, steps.get("control period", 0), first)
 
     def describe(self, plant: Table, rows: Array) -> None:
         """Set it in the table of a plant (`STEPPED`), with the rows to be recorded."""
-        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.first + self.count, rows=rows)
+        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, rows=rows)
+        plant.set(first_step=self.first, total=self.first + self.count)
 
     @property
     def times(self) -> Array:
@@ -78,11 +74,6 @@ class Grid:
 def least_width(request: Request) -> int:
     """Least number of values in a recorded row: too many rows are refused before their times are made."""
     return 6 * len(request.scene.structure.node_names)
-
-
-def dividing(number: int, most: int) -> int:
-    """The largest divisor of a number that is at most `most`."""
-    return next(each for each in range(most, 0, -1) if number % each == 0)
 
 
 def output_times(request: Request) -> Array:

@@ -20,7 +20,7 @@ from tensegrity_mj.basics.fields import refused
 from tensegrity_mj.basics.kinds import number
 from tensegrity_mj.engines.accuracy.ladder import FIRST_STEP, HALF, STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
-from tensegrity_mj.engines.driving import DEFAULT_INTERVAL, dividing
+from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.runs.convergence import ROUND_OFF, pieces_along
@@ -49,7 +49,6 @@ class Steps:
     count: int
     interval: float | None
     aligned: bool = True
-    first: int = 0  # the number of its first of them: samples are at multiples of theirs from time 0 on
 
     @classmethod
     def of(cls, request: Request, longest: float) -> Steps:
@@ -71,7 +70,7 @@ class Steps:
         aligned = finer is not None and (finer == base or finer >= most / MOST_FINER)
         base = finer if finer is not None and aligned else base
         unit = base / max(1, math.ceil(base / most * (1 - AS_ONE)))
-        return cls(unit, round(request.duration / unit), request.output_interval, aligned, round(request.begin / unit))
+        return cls(unit, round(request.duration / unit), request.output_interval, aligned)
 
     def fit(self, step: float) -> float:
         """The coarsest of them that is not coarser than this one [s]."""
@@ -82,8 +81,7 @@ class Steps:
         if self.interval is not None:
             return self.interval
         if self.unit <= DEFAULT_INTERVAL:
-            # Samples are counted from 0, and the unit divides the duration.
-            return self.unit * dividing(self.first, math.floor(DEFAULT_INTERVAL / self.unit * (1 + AS_ONE)))
+            return self.unit * math.floor(DEFAULT_INTERVAL / self.unit * (1 + AS_ONE))
         k = _power_of_two(self.unit / step)
         return step * (k // min(k, _power_of_two(self.unit / DEFAULT_INTERVAL)))
 

@@ -334,7 +334,7 @@ def _account_step(table: int, now: Moment, sampled: int, answer: int) -> int:
         remember(table)
     stopped = status > NO_SOLUTION or (status == NO_SOLUTION and not run.passive)
     last = now.step == run.total
-    if now.step % run.stride == 0 or last or stopped:
+    if (now.step - run.first_step) % run.stride == 0 or last or stopped:
         _record(table)
     return status if stopped else FINISHED if last else RUNNING
 

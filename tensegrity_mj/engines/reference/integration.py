@@ -127,10 +127,8 @@ class IntegratedRun:
         assert step is not None
         grid = Grid.of(self.request, step)
         times = grid.times
-        self.first, before_first = grid.first, grid.first // grid.stride  # compiled code numbers rows by steps
-        all_rows = allocate_rows(before_first + len(times), self.width)
-        rows = all_rows[before_first:]
-        grid.describe(self.plant, all_rows)
+        self.first, rows = grid.first, allocate_rows(len(times), self.width)
+        grid.describe(self.plant, rows)
         self.plant["total"] += 1  # the state is kept before the last row is seen to
         search = search_of(self.plant["string_count"], self.plant["curved"])
         self.plant["search"] = search if self.options.locate_slack else 0

@@ -40,7 +40,8 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
     k = np.empty((8, size))
     room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
     known, answer = False, SOLVED  # whether k_end is dy/dt here, and what was answered
-    row = (first + stride - 1) // stride
+    begin = model.first_step
+    row = (first - begin + stride - 1) // stride
     stop = first + count
     for n in range(first, stop + 1 if stop == total else stop):
         t, last = n * h, n == total
@@ -69,7 +70,7 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
         if status > NO_SOLUTION or (status == NO_SOLUTION and not model.passive) or (model.status != 0 and not last):
             observe(y, table, rows[row])
             return n, max(status, model.status), evaluations
-        if n % stride == 0 or last:
+        if (n - begin) % stride == 0 or last:
             observe(y, table, rows[row])
             row += 1
         if last:
