@@ -106,6 +106,21 @@ def test_a_page_says_which_structure_its_steps_are_of() -> None:
         assert np.array_equal(base.structure.stiffness, scene.structure.stiffness) == (name == "net")
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_what_hangs_on_one_string_has_a_stand_in() -> None:
+    """No force of one string is in balance but zero: the limits are those of another structure, by name."""
+    hung = tmj.Structure(
+        "hung",
+        {"hook": (0.0, 0.0, 1.0), "m": (0.3, 0.0, 0.2)},
+        strings=(tmj.String("s", ("hook", "m"), 300.0),),
+        fixed_nodes=("hook",),
+        point_masses=(tmj.PointMass("m", 1.0),),
+    )
+    _, text = scene_at_rest(tmj.Scene(hung, gravity=(0.0, 0.0, -9.81)))
+    assert text.startswith("a random taut structure of 1 rod")
+    assert "in place of hung, which cannot be prestressed" in text
+
+
 def test_maps_of_a_structure_without_rods() -> None:
     base, text = base_structure(tmj.load_scene("spine"))
     assert "own self-stress" in text

@@ -100,6 +100,8 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
         except TensegrityError as error:
             reason = str(error)
             continue
+        if not u.any():  # nothing but zero is in balance
+            continue
         u = u * (PRESTRAIN * STIFFNESS / u.max())  # below the stiffness, for any self-stress
         tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
         if is_firm(Scene(tight)):
