@@ -53,8 +53,8 @@ class Imported:
     def to_toml(self) -> str:
         """The scene as TOML text, with the notes as comments at its top."""
         heading, _, rest = scene_to_toml(self.scene).partition("\n")
-        title = [f"# Imported ({FORMATS[self.format].title}). What the file of origin says otherwise, or not at all:"]
-        notes = [f"# - {printable(note)}" for note in self.notes] or ["# - nothing"]
+        title = [f"# Imported ({FORMATS[self.format].title}). Differences from the source file:"]
+        notes = [f"# - {printable(note)}" for note in self.notes] or ["# - none"]
         return "\n".join([heading, *title, *notes, rest])
 
     def save(self, path: str | os.PathLike[str]) -> Path:

@@ -91,8 +91,8 @@ class MinimalMass:
         pressed = float(np.abs(external).max(initial=0.0))
         if 0 < pressed < NO_FORCE * column and not own.any():
             raise InfeasibleError(
-                f"structure '{structure.name}': loads of at most {pressed:.3g} N are too small beside the own weight "
-                f"of columns, about {column:.3g} N, to be seen beside it; leave gravity out, or give a least_radius"
+                f"structure '{structure.name}': loads of at most {pressed:.3g} N are too small to matter: "
+                f"columns weigh about {column:.3g} N themselves; leave gravity out, or give a least_radius"
             )
         rates = np.concatenate([a_b, a_s, c / np.sqrt(force)])
         mass = force * float(rates.max(initial=0.0)) or 1.0

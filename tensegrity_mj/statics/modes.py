@@ -114,7 +114,7 @@ class Modes:
                 "equilibrium is left"
             )
         if loose:
-            lines.append(f"{counted(loose, 'mode')} that nothing holds, to first order: mechanisms without prestress")
+            lines.append(f"{counted(loose, 'zero-frequency mode')}: mechanisms that prestress does not stiffen")
         held = self.frequencies[~self.unstable & ~self.loose]
         if len(held):
             which = "all there are" if self.complete else "the lowest of all"

@@ -175,7 +175,7 @@ class Prestressability:
             least_stiffness = float(self.prestress_stiffness[0])
             if self.own:
                 what = f"stiffen mechanisms by {least_stiffness:.6g} N/m at least"
-                driven = f"drive a mechanism on with {-least_stiffness:.6g} N/m"
+                driven = f"destabilise a mechanism: its stiffness is {least_stiffness:.6g} N/m"
                 lines.append(f"the state's own forces, of loads too, {driven if least_stiffness < 0 else what}")
             else:
                 lines.append(

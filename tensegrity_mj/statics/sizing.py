@@ -150,7 +150,7 @@ class Sizing:
     def describe(self) -> tuple[str, ...]:
         """Return a description, as lines of text."""
         proof = (
-            f"the least there is, to {max(self.gap, 1e-9):.1g} of it"
+            f"the least possible, to {max(self.gap, 1e-9):.1g} of it"
             if self.is_proven
             else f"not proven to be the least: what is possible is no less than {self.lower_bound:.6g} kg"
         )

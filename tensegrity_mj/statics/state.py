@@ -48,7 +48,7 @@ class Determinacy:
     def describe(self) -> str:
         """Return a remark on the forces that are a choice, or ""."""
         if self.states is None:
-            return f"not looked at whether forces are determined: more than {MOST_RODS} rigid rods; {REMEDY}"
+            return f"not checked whether forces are determined: more than {MOST_RODS} rigid rods; {REMEDY}"
         if not self.is_clear:
             return f"undecided whether forces are determined: rods are nearly redundant; {REMEDY}"
         if not self.chosen:

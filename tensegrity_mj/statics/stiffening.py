@@ -197,8 +197,8 @@ def judged(at: Assembly, own: Array, stiffness: Array) -> tuple[Verdict, str]:
     if stiffness[0] > POSITIVE * scale:
         return Verdict.YES, "the state's own forces stiffen every mechanism"
     if stiffness[0] < -POSITIVE * scale:
-        return Verdict.NO, "the state's own forces drive a mechanism on"
-    return Verdict.UNDECIDED, "the state's own forces leave a mechanism as it is, within round-off"
+        return Verdict.NO, "the state's own forces destabilise a mechanism"
+    return Verdict.UNDECIDED, "the state's own forces neither stiffen nor destabilise a mechanism, within round-off"
 
 
 def super_stable(at: Assembly, states: Array, pulling: Flags, own: Array | None) -> tuple[Verdict, str]:

@@ -320,9 +320,9 @@ def _edge_notes(state: StaticState) -> list[str]:
     first = model.structure.strings[int(np.argmax(edge))].name
     count = words.counted(int(edge.sum()), "string")
     return [
-        f"at the edge of slackness, as long as their rest length: {count} ('{first}' is one). Half of every motion "
-        "stretches them; stiffness and frequencies count them as round-off has them, slack or taut, and an engine may "
-        "count them otherwise"
+        f"at the edge of slackness, as long as their rest length: {count} ('{first}' is one). Round-off "
+        "decides whether stiffness and frequencies count them as slack or taut, and an engine may decide otherwise: "
+        "add prestress"
     ]
 
 

@@ -24,7 +24,7 @@ def test_a_file_becomes_a_scene_that_loads(tmp_path: Path, capsys: pytest.Captur
     assert len(notes) == 3
     for note in notes:
         assert f"# - {note.removeprefix('note: ')}\n" in text
-    assert "# Imported (NTRT's YAML structures)." in text
+    assert "# Imported (NTRT's YAML structures). Differences from the source file:\n# - " in text
     assert tmj.load_scene(out).structure.class_number == 1
 
 
