@@ -102,7 +102,8 @@ def scene_at_end(run: Trajectory) -> Scene:
     except SceneError as error:
         raise OptionError(
             f"the run of {run.engine} cannot be continued from {run.time[-1]:.9g} s: {error}; the whole state is saved "
-            "of the end of runs by MuJoCo, and by RK4 of DAE and ODE, without locate_slack, accuracy, or many at once"
+            "of the end of runs by MuJoCo, and by RK4 of DAE and ODE, without locate_slack, accuracy, or many at once: "
+            "end a run there (its duration), and continue from its end"
         ) from None
 
 

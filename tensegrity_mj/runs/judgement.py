@@ -197,7 +197,7 @@ def verdict(runs: Sequence[Trajectory], comparison: Comparison | None = None) ->
         parts.append(_agreement(names, runs, comparison, sound))
     aim = next((text for name, run in zip(names, runs, strict=True) if (text := _target(run, name not in ended))), "")
     parts += [aim] if aim else []
-    if not aim and comparison is None and len(runs[0].time):
+    if not aim and comparison is None and len(runs[0].time) and not ended:
         lasted = quantity(float(runs[0].time[-1] - runs[0].time[0]), "s")
         moved = quantity(float(energy_exchanged(runs[0])[-1]), "J")
         balanced = f"balanced to {quantity(runs[0].energy_residual, 'J')} of {moved} exchanged"

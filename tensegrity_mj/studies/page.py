@@ -104,7 +104,9 @@ def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str])
     done = counts(rows).get("completed", 0)
     if done < len(rows):
         reason = next((row.reason for row in rows if row.reason), "")
-        text = f"{len(rows) - done} points ended early or are in doubt, the first: {reason or 'see the table'}."
+        left = len(rows) - done
+        text = f"{left} point{'s' * (left > 1)} ended early or {'are' if left > 1 else 'is'} in doubt"
+        text += f", {'the first' if left > 1 else 'by'}: {reason or 'see the table'}."
         yield Finding(mark_of(done, len(rows)), text)
     names = [axis.parameter for axis in axes]
     for measure in measures:

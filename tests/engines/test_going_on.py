@@ -168,13 +168,26 @@ def test_a_run_goes_on_from_any_of_its_samples(tmp_path: Path, capsys: pytest.Ca
     assert "end" not in whole.until(3).provenance
 
 
-def test_samples_that_lack_a_part_of_the_state_are_refused_by_name() -> None:
-    prism = {"duration": 0.05, "timestep": H}
-    for run, message in (
-        (tmj.simulate(hung(), timestep=H), "string 'y' yields"),
-        (tmj.simulate("prism_drop", None, duration=0.05, timestep=5e-4), "scene 'prism_drop' has contact"),
-        (tmj.simulate("prism", actuation=tmj.Actuation.hold_rest_length(0.01), **prism), "winches hold the last"),
-        (tmj.simulate("prism", on_infeasible="passive", **prism), "rest lengths may be held"),
+def test_samples_that_lack_a_part_of_the_state_are_refused_by_name_and_ends_are_not() -> None:
+    for scene, law, options, message in (
+        (hung(), None, {"timestep": H}, "string 'y' yields"),
+        (tmj.load_scene("prism_drop"), None, {"timestep": 5e-4}, "scene 'prism_drop' has contact"),
+        (
+            tmj.load_scene("prism"),
+            tmj.controllers.SCENE_LAW,
+            {"timestep": H, "actuation": tmj.Actuation.hold_rest_length(0.01)},
+            "winches hold the last",
+        ),
+        (
+            tmj.load_scene("prism"),
+            tmj.controllers.SCENE_LAW,
+            {"timestep": H, "on_infeasible": "passive"},
+            "rest lengths may be held",
+        ),
     ):
-        with pytest.raises(tmj.errors.OptionError, match=rf"continued from 0\.02 s: .*{message}.*; the whole"):
-            tmj.simulate(run.at(0.02), timestep=H)
+        run = tmj.simulate(scene, law, duration=0.05, **options)
+        remedy = "end a run there .its duration., and continue from its end"
+        with pytest.raises(tmj.errors.OptionError, match=rf"continued from 0\.02 s: .*{message}.*: {remedy}"):
+            tmj.simulate(run.at(0.02), law, **options)
+        first = tmj.simulate(scene, law, duration=0.02, **options)
+        check(run, tmj.simulate(first, law, duration=0.03, **options))

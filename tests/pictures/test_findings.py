@@ -11,6 +11,8 @@ import tensegrity_mj as tmj
 from tensegrity_mj.pictures.findings import MOST, Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.statics.study import analyse
+from tensegrity_mj.studies.page import _findings
+from tensegrity_mj.studies.table import Row
 from tensegrity_mj.studies.validation import page as validation_page
 from tensegrity_mj.studies.validation import sentences
 
@@ -87,3 +89,11 @@ def test_a_run_that_needs_more_time_is_no_failure():
 def test_what_is_not_judged_has_a_mark_of_its_own():
     (_, shown) = Judgement("It is.", [Finding(Mark.UNJUDGED, "No target.")]).html()
     assert '<div class="mark not-judged">not judged</div>' in shown
+
+
+def test_a_sweep_counts_its_doubtful_points_in_words():
+    bad, good = (Row({"law.gain": 1}, status, reason, {}) for status, reason in (("failed", "no"), ("completed", "")))
+    (one,) = _findings([bad, good], [], [])
+    assert (one.mark, one.text) == (Mark.LIMITED, "1 point ended early or is in doubt, by: no.")
+    (one,) = _findings([bad, bad], [], [])
+    assert (one.mark, one.text) == (Mark.BAD, "2 points ended early or are in doubt, the first: no.")

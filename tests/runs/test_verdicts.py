@@ -59,6 +59,7 @@ def test_without_a_target_the_energy_is_what_is_judged_and_an_early_end_is_named
     assert verdict([run]) == "MuJoCo ran for 1 s; its energy is balanced to 841 pJ of 0.1 J exchanged."  # 1e-9 sin 1
     ended = replace(run, status=Status.DIVERGED)
     assert verdict([ended]).startswith("MuJoCo ended early: diverged at t = 1 s")
+    assert "balanced" not in verdict([ended])
 
 
 def test_runs_that_warn_grow_or_end_early_confirm_nothing():

@@ -142,6 +142,19 @@ def test_a_law_that_does_nothing_is_not_judged(scene: tmj.Scene, duration: float
     assert marks(report)[1] == "not judged"
 
 
+@pytest.mark.parametrize("acts", [True, False])
+@pytest.mark.parametrize("target", [True, False])
+def test_no_law_is_praised_for_where_a_run_ends_without_it(target: bool, acts: bool) -> None:
+    """The same run, at its target or at rest, is the law's merit only where it moved a winch."""
+    values = {"status": "completed", "growth": [], "doubts": [], "acts": acts}
+    values |= {"error": {"final": 0.01} if target else None, "arrival": {"speed": 0.0, "alignment": []}}
+    values |= {"rest": {"last_speed": 0.0, "largest_speed": 1.0, "moved": 0.1}}
+    outcome, found = judging.judged(values, 0.05, 1.0)
+    assert found.word == ("good" if acts else "not judged")
+    assert ("the law never moves a winch" in found.reason) == (not acts)
+    assert outcome == ("converged" if target else "at rest" if acts else "completed")
+
+
 @pytest.mark.parametrize(("moved", "moves"), [(0.9e-6, False), (1.1e-6, True)])
 def test_what_moves_by_less_than_a_millionth_of_its_size_does_not_move(moved: float, moves: bool) -> None:
     values = {"status": "completed", "growth": [], "doubts": [], "error": None, "acts": True}

@@ -12,6 +12,7 @@ from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
@@ -119,6 +120,9 @@ def test_what_hangs_on_one_string_has_a_stand_in() -> None:
     _, text = scene_at_rest(tmj.Scene(hung, gravity=(0.0, 0.0, -9.81)))
     assert text.startswith("a random taut structure of 1 rod")
     assert "in place of hung, which cannot be prestressed" in text
+    engine = {"predicted": 0.04, "measured": 0.04, "ratio": 1.0, "agrees": True, "cause": "", "largest": 1.0}
+    (found,) = judgement_of({"scene": "hung", "base": {"text": text, "engines": {"rk4": engine}}}).findings
+    assert found.mark is Mark.UNJUDGED
 
 
 def test_maps_of_a_structure_without_rods() -> None:

@@ -86,7 +86,8 @@ def _findings(data: Data) -> Iterator[Finding]:
         known = not one["cause"].startswith(UNEXPLAINED)
         mark = Mark.LIMITED if known else Mark.BAD
         if one["agrees"]:
-            mark = Mark.UNJUDGED if one["measured"] is None else Mark.GOOD
+            stands_in = "in place of" in data["base"]["text"]  # what is shown of another structure is no praise of this
+            mark = Mark.UNJUDGED if one["measured"] is None or stands_in else Mark.GOOD
             cause = "" if one["measured"] is None else f" (ratio {one['ratio']:.3f}, allowed 1 ± {AGREEMENT:g})"
         yield Finding(mark, f"{text}{cause}.")
     for name, words in DRAWN.items():
