@@ -124,6 +124,17 @@ def test_a_table_says_its_step_and_may_have_other_times_and_fewer_nodes(tmp_path
     assert "over 0 to 0.4 s (11 of 51 times)." in found.verdict
 
 
+@pytest.mark.parametrize(("off", "recognised"), [(0.5, True), (2.0, False)])
+def test_axes_are_recognised_by_six_digits_of_the_first_row(off: float, recognised: bool) -> None:
+    """Millimetres with y up; a first row that is further off than 1e-6 of the largest coordinate is of other axes."""
+    reference = reference_of("pinned")
+    turned = 1e3 * reference.positions[..., [0, 2, 1]] * [1, 1, -1]
+    turned[0, 0, 0] += off * 1e-6 * 1e3 * np.abs(reference.positions[0]).max()
+    found = score(reference, Table(reference.time, reference.nodes, turned))
+    assert bool(found.read_as) == recognised
+    assert (found.error < 2e-6) == recognised
+
+
 def test_orders_are_those_of_errors_above_the_error_bar() -> None:
     reference = reference_of("pinned")
     bar = reference.header["error"]
