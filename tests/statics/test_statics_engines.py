@@ -73,7 +73,7 @@ def test_engines_find_the_equilibria_of_statics(make: object, engine: str) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_net_of_rods(engine: str) -> None:
-    scene = tmj.load_scene("net")
+    scene = tmj.load_scene("net((3, 3))")
     start = pushed(scene, 0.02)
     found = engine_equilibrium(scene, ENGINES[engine], nodes=start)
     compare(scene, found, find_equilibrium(StaticModel.of(scene, nodes=start)).nodes)
