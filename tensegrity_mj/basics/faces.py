@@ -11,6 +11,7 @@ nothing.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -30,7 +31,8 @@ def face(
 
     @cache
     def homes() -> dict[str, str]:
-        return _homes(package)
+        source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
+        return {name: home for home, name in re.findall(r"^ *from (\S+) import (\w+) as \2$", source, re.MULTILINE)}
 
     def get(name: str) -> Any:
         if name == "__all__":
@@ -51,26 +53,6 @@ def face(
     return get, listed
 
 
-def _homes(package: str) -> dict[str, str]:
-    """The module that each name comes from."""
-    import ast
-    import inspect
-
-    lines: list[ast.stmt] = []
-    for node in ast.parse(inspect.getsource(sys.modules[package])).body:
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            lines += node.body
-        else:
-            lines.append(node)
-    return {
-        alias.name: line.module
-        for line in lines
-        if isinstance(line, ast.ImportFrom) and line.module is not None
-        for alias in line.names
-        if alias.asname == alias.name
-    }
-
-
 def _unknown(package: str, name: str, listed: Callable[[], list[str]]) -> str:
     message = f"module '{package}' has no attribute '{name}'"
     if name.startswith("__"):  # Python looks for many such names, and reads no message
@@ -85,13 +67,9 @@ def _unknown(package: str, name: str, listed: Callable[[], list[str]]) -> str:
 
 def _elsewhere(package: str, name: str) -> str:
     """The room or module inside a package that lists or defines a name, or ""; nothing is imported."""
-    import pkgutil
-    import re
-
     has = re.compile(rf"^(class {name}\b|def {name}\(|    from [\w.]+ import {name} as {name}$)", re.MULTILINE)
-    for path in map(Path, sys.modules[package].__path__):
-        for one in pkgutil.iter_modules([str(path)]):
-            source = path / one.name / "__init__.py" if one.ispkg else path / f"{one.name}.py"
-            if not name.startswith("_") and source.is_file() and has.search(source.read_text(encoding="utf-8")):
-                return f"{package}.{one.name}"
+    for folder in map(Path, [] if name.startswith("_") else sys.modules[package].__path__):
+        for source in sorted([*folder.glob("*.py"), *folder.glob("*/__init__.py")]):
+            if has.search(source.read_text(encoding="utf-8")):
+                return f"{package}.{source.stem if source.parent == folder else source.parent.name}"
     return ""
