@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,9 @@ def _unknown(package: str, name: str, listed: Callable[[], list[str]]) -> str:
     message = f"module '{package}' has no attribute '{name}'"
     if name.startswith("__"):  # Python looks for many such names, and reads no message
         return message
-    home = _elsewhere(package, name)
-    if home:
+    if find_spec(f"{package}.{name}"):  # and here before it imports a module, which no search may slow down
+        return f"{message} yet; import {package}.{name}"
+    if home := _elsewhere(package, name):
         return f"{message}; it is {home}.{name}"
     from tensegrity_mj.basics.texts import closest
 
