@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from tensegrity_mj import errors
 from tensegrity_mj.basics.dependencies import distribution_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands import (
@@ -38,17 +39,6 @@ from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
 from tensegrity_mj.commands.installed import installed
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
-from tensegrity_mj.errors import (
-    DivergenceError,
-    IdentificationWarning,
-    InfeasibleError,
-    MissingLibraryError,
-    OptionError,
-    StabilityWarning,
-    TensegrityError,
-    printable,
-    printable_message,
-)
 
 GROUPS: Groups = {
     "simulate and see": {
@@ -93,11 +83,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"name a command: {', '.join(parser.commands)}")
         with _stdout_to_stderr(), _warnings_in_one_line():
             outcome = _executed(options)
-            print(*map(printable, outcome.notes), sep="\n", end="\n" if outcome.notes else "")
-        answer = to_json(outcome.answer) if as_json else printable(outcome.words, keep="\n")
+            print(*map(errors.printable, outcome.notes), sep="\n", end="\n" if outcome.notes else "")
+        answer = to_json(outcome.answer) if as_json else errors.printable(outcome.words, keep="\n")
     except UsageError as error:
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
-    except TensegrityError as error:
+    except errors.TensegrityError as error:
         return _fail(_code_of_error(error), str(error), as_json)
     except OSError as error:
         return _fail(ExitCode.BAD_INPUT, f"a file or a folder could not be used: {error}", as_json)
@@ -123,11 +113,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(outcome.code) if _print(answer) else int(ExitCode.BAD_INPUT)
 
 
-def _code_of_error(error: TensegrityError) -> ExitCode:
+def _code_of_error(error: errors.TensegrityError) -> ExitCode:
     kinds = {
-        InfeasibleError: ExitCode.INFEASIBLE,
-        DivergenceError: ExitCode.DIVERGED,
-        MissingLibraryError: ExitCode.MISSING_LIBRARY,
+        errors.InfeasibleError: ExitCode.INFEASIBLE,
+        errors.DivergenceError: ExitCode.DIVERGED,
+        errors.MissingLibraryError: ExitCode.MISSING_LIBRARY,
     }
     return next((code for kind, code in kinds.items() if isinstance(error, kind)), ExitCode.BAD_INPUT)
 
@@ -136,7 +126,7 @@ _STATUSES = (ExitCode.INFEASIBLE, ExitCode.DIVERGED, ExitCode.INTERRUPTED)
 
 
 def _fail(code: ExitCode, message: str, as_json: bool) -> int:
-    message = printable_message(message)
+    message = errors.printable_message(message)
     print(f"tensegrity-mj: {message}", file=sys.stderr)
     if as_json:
         _print(to_json({"status": code.name.lower() if code in _STATUSES else "error", "error": message}))
@@ -170,7 +160,7 @@ def _executed(options: argparse.Namespace) -> Outcome:
     try:
         outcome: Outcome = options.execute(options)
     except SystemExit as leaving:
-        raise OptionError(f"a law, or what else the command runs, exits: SystemExit: {leaving}") from None
+        raise errors.OptionError(f"a law, or what else the command runs, exits: SystemExit: {leaving}") from None
     return outcome
 
 
@@ -199,7 +189,7 @@ def _warnings_in_one_line() -> Iterator[None]:
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, (StabilityWarning, IdentificationWarning)):
+            if issubclass(category, (errors.StabilityWarning, errors.IdentificationWarning)):
                 warn(str(message))
             else:
                 usual(message, category, *place, **more)

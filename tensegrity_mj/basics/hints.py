@@ -7,33 +7,20 @@ import enum
 import inspect
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import checked
-from tensegrity_mj.basics.kinds import (
-    Kind,
-    Wrong,
-    choice,
-    finite,
-    flag,
-    many,
-    or_none,
-    part,
-    parts,
-    rows,
-    text,
-    vector,
-    whole,
-)
+from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.errors import OptionError, TensegrityError
 
 PLAIN_TYPES: dict[Any, Kind] = {
-    float: finite(),
-    int: whole(-(2**63), 2**63 - 1),
-    bool: flag(),
-    str: text(),
-    tuple[float, float, float]: vector(""),
-    tuple[float, ...]: rows(),
-    tuple[str, ...]: many(text(), "a list of texts in quotes"),
-    tuple[tuple[float, float, float], ...]: rows(3),
+    float: kinds.finite(),
+    int: kinds.whole(-(2**63), 2**63 - 1),
+    bool: kinds.flag(),
+    str: kinds.text(),
+    tuple[float, float, float]: kinds.vector(""),
+    tuple[float, ...]: kinds.rows(),
+    tuple[str, ...]: kinds.many(kinds.text(), "a list of texts in quotes"),
+    tuple[tuple[float, float, float], ...]: kinds.rows(3),
 }
 
 
@@ -72,15 +59,15 @@ def typed(hint: Any) -> Kind:
     if get_origin(hint) is Annotated:
         return next((one for one in inner[1:] if isinstance(one, Kind)), None) or typed(inner[0])
     if type(None) in inner and len(inner) == 2:
-        return or_none(typed(next(one for one in inner if one is not type(None))))
+        return kinds.or_none(typed(next(one for one in inner if one is not type(None))))
     if hint in PLAIN_TYPES:
         return PLAIN_TYPES[hint]
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        return choice(hint)
+        return kinds.choice(hint)
     if hasattr(hint, "__item__"):
-        return part(hint)
+        return kinds.part(hint)
     if get_origin(hint) is tuple and len(inner) == 2 and inner[1] is ... and hasattr(inner[0], "__item__"):
-        return parts(inner[0])
+        return kinds.parts(inner[0])
     raise Wrong(
         f" is of type {hint}; a file can hold float, int, bool, str, enums, value classes, tuples of three floats, "
         "tuples of any number of these, of floats, of texts or of values, and each of them or None"

@@ -10,26 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import (
-    SMALLEST,
-    choice,
-    direction,
-    flag,
-    many,
-    not_negative,
-    number,
-    pair,
-    part,
-    parts,
-    positive,
-    printable_name,
-    rows,
-    vector,
-    whole,
-    within,
-)
+from tensegrity_mj.basics.kinds import rows
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.strings import StringLaw
@@ -40,9 +24,9 @@ Vector = tuple[float, float, float]
 PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
 MOST_SEGMENTS = 10_000  # of a string with mass
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
-LENGTH = number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
-STIFFNESS = number("> 0 N/m, or 0 N/m for a constant force", lambda x: x >= SMALLEST or x == 0, minimum=0)
-GROUP = printable_name("the name of a group, a non-empty string of printable characters")
+LENGTH = kinds.number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
+STIFFNESS = kinds.number("> 0 N/m, or 0 N/m for a constant force", lambda x: x >= kinds.SMALLEST or x == 0, minimum=0)
+GROUP = kinds.printable_name("the name of a group, a non-empty string of printable characters")
 
 
 @value("support", StructureError)
@@ -56,13 +40,13 @@ class Support:
     `constrained(..., plane=...)` add by themselves.
     """
 
-    sigma: float = field(within(0, 1), default=0.5)
+    sigma: float = field(kinds.within(0, 1), default=0.5)
     directions: tuple[Vector, ...] = field(
-        many(vector(""), "rows of three numbers, as [[0, 0, 1]]"), default=(), key="D"
+        kinds.many(kinds.vector(""), "rows of three numbers, as [[0, 0, 1]]"), default=(), key="D"
     )
     # r̄; None: what the reference nodes give
     values: tuple[float, ...] | None = field(rows(), default=None, none="None for what the nodes give")
-    plane: Vector | None = field(direction(), default=None, none="None for space")
+    plane: Vector | None = field(kinds.direction(), default=None, none="None for space")
 
     def __attrs_post_init__(self) -> None:
         D = np.array(self.directions).reshape(-1, 3)
@@ -139,9 +123,9 @@ class RodMass:
         inertia: moment of inertia across the rod about its own centre [kg m²], >= 0; 0 for a point.
     """
 
-    at: float = field(within(0, 1))
-    mass: float = field(positive("kg"))
-    inertia: float = field(not_negative("kg m²"), default=0.0)
+    at: float = field(kinds.within(0, 1))
+    mass: float = field(kinds.positive("kg"))
+    inertia: float = field(kinds.not_negative("kg m²"), default=0.0)
 
 
 @value("rod {name!r}", StructureError, whole=True)
@@ -166,16 +150,20 @@ class Rod:
         rest_length: L0 [m] of an elastic rod without force; None for its length at the reference nodes.
     """
 
-    name: str = field(printable_name())
-    nodes: tuple[str, str] = field(pair("node"))
-    mass: float = field(positive("kg"))
-    radius: float = field(positive("m"), default=0.01)
-    support: Support = field(part(Support, "Support.free, Support.pinned or Support.constrained"), default=Support())
-    section: Section | None = field(part(Section, "Section, Section.tube or Section.solid"), default=None, none="None")
-    masses: tuple[RodMass, ...] = field(parts(RodMass), default=())
+    name: str = field(kinds.printable_name())
+    nodes: tuple[str, str] = field(kinds.pair("node"))
+    mass: float = field(kinds.positive("kg"))
+    radius: float = field(kinds.positive("m"), default=0.01)
+    support: Support = field(
+        kinds.part(Support, "Support.free, Support.pinned or Support.constrained"), default=Support()
+    )
+    section: Section | None = field(
+        kinds.part(Section, "Section, Section.tube or Section.solid"), default=None, none="None"
+    )
+    masses: tuple[RodMass, ...] = field(kinds.parts(RodMass), default=())
     group: str | None = field(GROUP, default=None, none="absent")
-    stiffness: float | None = field(positive("N/m"), default=None, none="absent")
-    damping: float = field(not_negative("N s/m"), default=0.0)
+    stiffness: float | None = field(kinds.positive("N/m"), default=None, none="absent")
+    damping: float = field(kinds.not_negative("N s/m"), default=0.0)
     rest_length: float | None = field(LENGTH, default=None, none="absent")
 
     def __attrs_post_init__(self) -> None:
@@ -216,23 +204,23 @@ class String:
     `mass` [kg] makes it a rope: light strings between `segments` point masses, 10 by default, see `ropes`.
     """
 
-    name: str = field(printable_name())
-    nodes: tuple[str, ...] = field(pair("node", more=True))
+    name: str = field(kinds.printable_name())
+    nodes: tuple[str, ...] = field(kinds.pair("node", more=True))
     stiffness: float = field(STIFFNESS, default=None, none="absent, with a curve")
-    damping: float = field(not_negative("N s/m"), default=0.0)
+    damping: float = field(kinds.not_negative("N s/m"), default=0.0)
     rest_length: float | None = field(LENGTH, default=None, none="absent")
-    tension: float | None = field(not_negative("N"), default=None, none="absent")
-    force_density: float | None = field(not_negative("N/m"), default=None, none="absent")
-    max_force_density: float | None = field(positive("N/m"), default=None, none="absent")
-    min_rest_length: float | None = field(positive("m"), default=None, none="absent")
-    winch_speed: float | None = field(positive("m/s"), default=None, none="absent")
-    strength: float | None = field(positive("N"), default=None, none="absent")
+    tension: float | None = field(kinds.not_negative("N"), default=None, none="absent")
+    force_density: float | None = field(kinds.not_negative("N/m"), default=None, none="absent")
+    max_force_density: float | None = field(kinds.positive("N/m"), default=None, none="absent")
+    min_rest_length: float | None = field(kinds.positive("m"), default=None, none="absent")
+    winch_speed: float | None = field(kinds.positive("m/s"), default=None, none="absent")
+    strength: float | None = field(kinds.positive("N"), default=None, none="absent")
     group: str | None = field(GROUP, default=None, none="absent")
     curve: tuple[tuple[float, float], ...] = field(rows(2, "rows of two numbers, [stretch, tension]"), default=())
-    yields: bool = field(flag(), default=False)
-    string_law: StringLaw | None = field(choice(StringLaw), default=None, none="absent")
-    mass: float | None = field(positive("kg"), default=None, none="absent for a massless string")
-    segments: int | None = field(whole(1, MOST_SEGMENTS), default=None, none="absent")
+    yields: bool = field(kinds.flag(), default=False)
+    string_law: StringLaw | None = field(kinds.choice(StringLaw), default=None, none="absent")
+    mass: float | None = field(kinds.positive("kg"), default=None, none="absent for a massless string")
+    segments: int | None = field(kinds.whole(1, MOST_SEGMENTS), default=None, none="absent")
 
     def __attrs_post_init__(self) -> None:
         given = [name for name in PRESTRESS if getattr(self, name) is not None]
@@ -323,10 +311,10 @@ class PointMass:
         damping: c >= 0 [N s/m] of the viscous force -c v on the node, v its velocity in the world.
     """
 
-    node: str = field(printable_name())
-    mass: float = field(positive("kg"))
-    plane: Vector | None = field(direction(), default=None, none="None for space")
-    damping: float = field(not_negative("N s/m"), default=0.0)
+    node: str = field(kinds.printable_name())
+    mass: float = field(kinds.positive("kg"))
+    plane: Vector | None = field(kinds.direction(), default=None, none="None for space")
+    damping: float = field(kinds.not_negative("N s/m"), default=0.0)
 
     @property
     def translation_basis(self) -> Array:

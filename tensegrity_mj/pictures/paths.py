@@ -9,18 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
-from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import (
-    GREY,
-    MAX_LEGEND,
-    PathLike,
-    common_legend,
-    equal_scales,
-    frame,
-    line_style,
-    new_figure,
-    saved,
-)
+from tensegrity_mj.pictures import figure, palette
 from tensegrity_mj.pictures.run_panels import listed, target_nodes
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -32,7 +21,7 @@ FLAT = 1e-3  # of the extent: paths that stay as near to a plane across an axis 
 SIZE = 6.4  # inches
 
 
-def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
+def plot_paths(runs: Trajectory | Sequence[Trajectory], path: figure.PathLike | None = None) -> Figure:
     """Figures 5.3 and 5.6: the paths of the nodes, a colour for each run, and the rods at the end in black.
 
     Strings at the end are grey, the target's rods broad and pale, fixed points squares. All runs share one picture; a
@@ -51,11 +40,11 @@ def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = 
     ends = ", ".join(dict.fromkeys(f"{run.time[-1]:g} s" for run in all_runs))
     title = f"{figure_text(all_runs[0].scene.name)}: paths of the nodes, rods at {ends}"
     if len(shown) == 2:
-        frame(panel, title, *(f"{'xyz'[axis]} [m]" for axis in shown))
+        figure.frame(panel, title, *(f"{'xyz'[axis]} [m]" for axis in shown))
     else:
         panel.set_title(title, fontsize=10)
-        common_legend(panel.figure, [panel])
-    return saved(panel.figure, path)
+        figure.common_legend(panel.figure, [panel])
+    return figure.saved(panel.figure, path)
 
 
 def _space(points: Array) -> tuple[Any, list[int]]:
@@ -63,12 +52,12 @@ def _space(points: Array) -> tuple[Any, list[int]]:
     spread = np.ptp(points, axis=0)
     thin = int(np.argmin(spread))
     if spread[thin] > FLAT * float(spread.max()):
-        panel: Any = new_figure(SIZE, 0.85 * SIZE).add_subplot(projection="3d", computed_zorder=False)
-        equal_scales(panel, points)
+        panel: Any = figure.new_figure(SIZE, 0.85 * SIZE).add_subplot(projection="3d", computed_zorder=False)
+        figure.equal_scales(panel, points)
         return panel, [0, 1, 2]
     shown = [axis for axis in range(3) if axis != thin]
     wide, tall = np.maximum(spread[shown], 0.1 * float(spread.max()) or 1.0)
-    panel = new_figure(SIZE, float(np.clip(SIZE * tall / wide, 0.22 * SIZE, SIZE)) + 0.9).subplots()
+    panel = figure.new_figure(SIZE, float(np.clip(SIZE * tall / wide, 0.22 * SIZE, SIZE)) + 0.9).subplots()
     panel.set_aspect("equal", adjustable="datalim")
     panel.margins(0.06)
     return panel, shown
@@ -87,9 +76,9 @@ def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, numbe
     structure, end = run.scene.structure, run.nodes[-1]
     moving = np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9
     if moving.any():
-        width = (1.2 if moving.sum() <= 2 * MAX_LEGEND else 0.6) * (1.0 if number else 2.0)
+        width = (1.2 if moving.sum() <= 2 * figure.MAX_LEGEND else 0.6) * (1.0 if number else 2.0)
         label = figure_text(run.engine.partition(",")[0] or run.scene.name)
-        look = {"color": palette.color_of(2 * number), "ls": line_style(number), "lw": width}
+        look = {"color": palette.color_of(2 * number), "ls": figure.line_style(number), "lw": width}
         lines(run.nodes[:, moving].swapaxes(0, 1), label=label, **look)
     if len(structure.strings):
         lines(end[structure.paths.nodes], color=STRING, lw=0.7)
@@ -100,4 +89,4 @@ def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, numbe
     if len(bars):
         lines(end[bars], color="black", lw=2.0, solid_capstyle="round")
     for point, held in supported_points(structure, end):
-        panel.plot(*point[axes][:, None], marker="s", color="black" if held == 3 else GREY, ms=5)
+        panel.plot(*point[axes][:, None], marker="s", color="black" if held == 3 else figure.GREY, ms=5)

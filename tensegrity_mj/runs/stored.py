@@ -20,20 +20,9 @@ from tensegrity_mj.basics.files import path_of
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs import variables as known
 from tensegrity_mj.runs.ends import parts_of
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
-from tensegrity_mj.runs.variables import (
-    DICTIONARIES,
-    LABELS,
-    LAW_REPORTS,
-    LOADS,
-    STATES,
-    VARIABLES,
-    Status,
-    labels_of,
-    sizes_of,
-    variables_of,
-)
 from tensegrity_mj.runs.water_loads import loaded_by_water
 
 if TYPE_CHECKING:
@@ -51,17 +40,19 @@ def recorded(run: Trajectory, water_loads: bool = False) -> dict[str, tuple[tupl
     Raises:
         OptionError: for loads of water, as `Trajectory.water_loads`.
     """
-    found = {name: (*about, getattr(run, name)) for name, about in variables_of(run.scene).items()}
+    found = {name: (*about, getattr(run, name)) for name, about in known.variables_of(run.scene).items()}
     if water_loads:
         kinds = loaded_by_water(run.scene) or ("rod",)  # of which the message is that there is no water
-        wanted = {name: about for name, about in LOADS.items() if about[0][1] in kinds}
+        wanted = {name: about for name, about in known.LOADS.items() if about[0][1] in kinds}
         found |= {name: (*about, run.water_loads(about[0][1])) for name, about in wanted.items()}
     return found
 
 
 def variables_in_file(run: Trajectory, water_loads: bool = False) -> Variables:
     """Dimensions, values and attributes of all that a file holds of a run: its coordinates first, then the rest."""
-    labels = {name: ((name,), names, {"long_name": LABELS[name]}) for name, names in labels_of(run.scene).items()}
+    labels = {
+        name: ((name,), names, {"long_name": known.LABELS[name]}) for name, names in known.labels_of(run.scene).items()
+    }
     data = {
         name: (dimensions, values, _units(unit) | {"long_name": meaning})
         for name, (dimensions, unit, meaning, values) in recorded(run, water_loads).items()
@@ -94,7 +85,7 @@ def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
         "status": run.status.value,
         "message": run.message,
         "engine": run.engine,
-        **{name: to_exact_json(getattr(run, name)) for name in DICTIONARIES},
+        **{name: to_exact_json(getattr(run, name)) for name in known.DICTIONARIES},
     }
 
 
@@ -126,14 +117,14 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     with opened(source, "trajectory", "; name a file that `run --out` or `save` wrote") as file:
         if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
             raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
-        texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+        texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *known.DICTIONARIES)}
         scene = scene_from_toml(texts["scene"], where=str(path))
-        variables = {name: file.variables[name] for name in variables_of(scene)}
+        variables = {name: file.variables[name] for name in known.variables_of(scene)}
         _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
         _check_labels(source, scene, file.variables)
         arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
-        status = Status(texts["status"])
-        extra = {key: from_exact_json(texts[key]) for key in DICTIONARIES}
+        status = known.Status(texts["status"])
+        extra = {key: from_exact_json(texts[key]) for key in known.DICTIONARIES}
     for key, value in extra.items():
         if not isinstance(value, dict):
             raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
@@ -156,8 +147,8 @@ def _check_shapes(source: Path, scene: Scene, shapes: Mapping[str, tuple[int, ..
 
     Looked at before they are read: a small file may declare more than any memory holds.
     """
-    sizes = sizes_of(scene, math.prod(shapes["time"]))
-    for name, (dimensions, _, _) in variables_of(scene).items():
+    sizes = known.sizes_of(scene, math.prod(shapes["time"]))
+    for name, (dimensions, _, _) in known.variables_of(scene).items():
         shape = tuple(sizes[dimension] for dimension in dimensions)
         if shapes[name] != shape:
             raise FormatError(
@@ -177,7 +168,7 @@ def _check_labels(source: Path, scene: Scene, variables: Mapping[str, Any]) -> N
 
     Files from before these names were written have none.
     """
-    for dimension, names in labels_of(scene).items():
+    for dimension, names in known.labels_of(scene).items():
         if dimension not in variables:
             continue
         if tuple(variables[dimension].shape) != (len(names),):
@@ -194,11 +185,11 @@ def _check_labels(source: Path, scene: Scene, variables: Mapping[str, Any]) -> N
 
 def _check_values(path: str, arrays: dict[str, Array]) -> None:
     """Raise FormatError where times do not rise, or where what every run has is not finite."""
-    for name, (dimensions, unit, _) in (VARIABLES | STATES).items():
+    for name, (dimensions, unit, _) in (known.VARIABLES | known.STATES).items():
         if name not in arrays:
             continue
         finite = np.isfinite(arrays[name])
-        if name in LAW_REPORTS or finite.all():
+        if name in known.LAW_REPORTS or finite.all():
             continue
         place = np.argwhere(~finite)[0].tolist()
         at = ", ".join(f"{dimension} {number}" for dimension, number in zip(dimensions, place, strict=True))

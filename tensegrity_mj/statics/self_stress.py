@@ -22,18 +22,8 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import InfeasibleError
-from tensegrity_mj.model.rigidity import (
-    RANK_TOLERANCE,
-    BalancedStates,
-    StaticForces,
-    balanced_states,
-    count_rigid_motions,
-    equilibrium_equations,
-    free_motions,
-    loads_on,
-    nodes_of,
-    static_forces,
-)
+from tensegrity_mj.model import rigidity
+from tensegrity_mj.model.rigidity import static_forces
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary
@@ -56,7 +46,7 @@ class SelfStress:
     """
 
     modes: Array
-    forces: tuple[StaticForces, ...]
+    forces: tuple[rigidity.StaticForces, ...]
     particular: Array
     residual: Array
     free_coordinates: int
@@ -72,11 +62,11 @@ def self_stress(
     loads: ArrayLike | None = None,
 ) -> SelfStress:
     """Self-stress modes and mechanisms, by the singular values of A; arguments as `static_forces`."""
-    positions = nodes_of(structure, nodes)
-    motions = free_motions(structure, positions)
-    matrix, external = equilibrium_equations(structure, positions, motions, gravity, loads)
-    states = balanced_states(matrix, external)
-    rigid = count_rigid_motions(positions, motions)
+    positions = rigidity.nodes_of(structure, nodes)
+    motions = rigidity.free_motions(structure, positions)
+    matrix, external = rigidity.equilibrium_equations(structure, positions, motions, gravity, loads)
+    states = rigidity.balanced_states(matrix, external)
+    rigid = rigidity.count_rigid_motions(positions, motions)
     return SelfStress(
         modes=states.modes,
         forces=tuple(static_forces(structure, mode, positions) for mode in states.modes),
@@ -109,21 +99,21 @@ def prestress(
     """
     level = positive("level", level, "N/m")
     tight = ~strings_named("slack", slack, structure)
-    positions = nodes_of(structure, nodes)
-    motions, forces = free_motions(structure, positions), loads_on(structure, gravity, loads)
-    matrix, external = equilibrium_equations(structure, positions, motions, gravity, loads)
-    states = balanced_states(matrix[:, tight], external)
+    positions = rigidity.nodes_of(structure, nodes)
+    motions, forces = rigidity.free_motions(structure, positions), rigidity.loads_on(structure, gravity, loads)
+    matrix, external = rigidity.equilibrium_equations(structure, positions, motions, gravity, loads)
+    states = rigidity.balanced_states(matrix[:, tight], external)
     # Not the norm of `external`: supports may take all of the weight, and leave its round-off.
     weight = float(np.linalg.norm(forces))
     unbalanced = float(np.linalg.norm(states.residual))
-    if unbalanced > RANK_TOLERANCE * weight:
+    if unbalanced > rigidity.RANK_TOLERANCE * weight:
         free, masses = Boundary.of(structure).straight_ways(), lumped_masses(structure)
         push = free @ (free.T @ forces.sum(axis=0))
-        push = np.where(np.abs(push) > RANK_TOLERANCE * weight, push, 0.0)
+        push = np.where(np.abs(push) > rigidity.RANK_TOLERANCE * weight, push, 0.0)
         falling = forces - masses[:, None] * push / masses.sum()
-        if np.any(push) and np.linalg.norm(balanced_states(matrix[:, tight], motions.T @ falling.ravel()).residual) < (
-            RANK_TOLERANCE * weight
-        ):
+        if np.any(push) and np.linalg.norm(
+            rigidity.balanced_states(matrix[:, tight], motions.T @ falling.ravel()).residual
+        ) < (rigidity.RANK_TOLERANCE * weight):
             sizes = ", ".join(f"{size:.6g}" for size in push)
             raise InfeasibleError(
                 f"structure '{structure.name}': gravity and loads push the whole with ({sizes}) N, and nothing holds "
@@ -152,7 +142,7 @@ def _least_distance(matrix: Array, lower: Array) -> Array | None:
 
     size = matrix.shape[1]
     if not size:
-        return np.zeros(0) if np.all(lower <= RANK_TOLERANCE) else None
+        return np.zeros(0) if np.all(lower <= rigidity.RANK_TOLERANCE) else None
     if linear_program(np.zeros(size), -matrix, -lower, tolerance=None).status != 0:
         return None
     if len(lower) == 0 or np.all(lower <= 0.0):
@@ -164,7 +154,7 @@ def _least_distance(matrix: Array, lower: Array) -> Array | None:
     return -rest[:-1] / rest[-1]
 
 
-def _why_infeasible(name: str, strings: list[str], states: BalancedStates, level: float, loaded: bool) -> str:
+def _why_infeasible(name: str, strings: list[str], states: rigidity.BalancedStates, level: float, loaded: bool) -> str:
     if loaded:
         best, deciding = _largest_minimum(states)
         remedy = "choose a lower level" if best > 0 else "add strings, or move nodes"
@@ -193,7 +183,7 @@ def _why_infeasible(name: str, strings: list[str], states: BalancedStates, level
     )
 
 
-def _largest_minimum(states: BalancedStates) -> tuple[float, Flags]:
+def _largest_minimum(states: rigidity.BalancedStates) -> tuple[float, Flags]:
     """The largest possible smallest force density [N/m] under the loads, and which strings decide it."""
     size, count = states.modes.shape
     rows = np.hstack([-states.modes.T, np.ones((count, 1))])

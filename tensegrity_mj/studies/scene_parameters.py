@@ -19,18 +19,9 @@ from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.studies import parameter_values
 from tensegrity_mj.studies.axes import Draw
-from tensegrity_mj.studies.parameter_values import (
-    MEMBER,
-    Scaled,
-    axis_of,
-    changed,
-    no_more,
-    number_from,
-    parts_of,
-    single,
-    vector_from,
-)
+from tensegrity_mj.studies.parameter_values import changed
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {
@@ -92,8 +83,8 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
     Raises:
         OptionError: if it names nothing, or for a value of the wrong kind.
     """
-    first, *others = parts_of(rest, path)
-    match = MEMBER.fullmatch(first)
+    first, *others = parameter_values.parts_of(rest, path)
+    match = parameter_values.MEMBER.fullmatch(first)
     if match is None:
         raise OptionError(f"{path}: '{first}' is no name, nor a name with members in brackets such as rods[rod1]")
     name, which = match["name"], match["which"]
@@ -104,27 +95,29 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
             return _with_members(scene, name, which, others, path, value)
         if name == "nodes":
             return _with_node(scene, which, others, path, value)
-        no_more(which, others, path)
+        parameter_values.no_more(which, others, path)
         law = choice_from(path, StringLaw, value)
         return scene.with_(structure=replace(scene.structure, string_law=law))
     check_known(path, name, PARTS_OF_SCENE, "part of a scene")
     if name in ("initial_nodes", "initial_velocities"):
-        number, axis = _node(scene, which, path), axis_of(others, path)
+        number, axis = _node(scene, which, path), parameter_values.axis_of(others, path)
         rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
-        return scene.with_(**{name: _with_row(rows, number, vector_from(path, value, axis, rows[number].tolist()))})
+        return scene.with_(
+            **{name: _with_row(rows, number, parameter_values.vector_from(path, value, axis, rows[number].tolist()))}
+        )
     if name == "target":
         target = scene.target
         if target is None or len(target.times) != 1 or target.along is not None:
             raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
-        number, axis = _node(scene, which, path), axis_of(others, path)
-        row = vector_from(path, value, axis, target.nodes[0, number].tolist())
+        number, axis = _node(scene, which, path), parameter_values.axis_of(others, path)
+        row = parameter_values.vector_from(path, value, axis, target.nodes[0, number].tolist())
         return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
     if name == "breaks":
         return _with_break(scene, which, others, path, value)
     if name == "motions":
         return with_motions(scene, which, others, path, value)
     if name == "resistance":
-        no_more(which, [], path)
+        parameter_values.no_more(which, [], path)
         return _with_resistance(scene, others, path, value)
     if name in ("contact", "water") and getattr(scene, name) is None:
         raise OptionError(f"{path}: scene '{scene.name}' has no {name}")
@@ -151,7 +144,7 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     inner = keys.get(others[0].partition("[")[0]) if others else None
     inside = inner is not None and (inner.kind.row or (inner.kind.part is not None and len(others) > 1))
     plain = [key for key, one in keys.items() if one.kind.single or one.kind.row]
-    known = [*plain, *(["curve"] if "curve" in keys and isinstance(value, Scaled) else [])]
+    known = [*plain, *(["curve"] if "curve" in keys and isinstance(value, parameter_values.Scaled) else [])]
     if not inside and (len(others) != 1 or others[0] not in known):
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
@@ -160,8 +153,8 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
         if name in chosen and inside:
             by_name[name] = changed(member, others, path, f"{MEMBERS[kind]} '{name}'", value)
         elif name in chosen:
-            where = f"{path} of '{name}'" if isinstance(value, Scaled) else path
-            new = single(keys[part].kind, where, value, _now(structure.massless, member, part, number))
+            where = f"{path} of '{name}'" if isinstance(value, parameter_values.Scaled) else path
+            new = parameter_values.single(keys[part].kind, where, value, _now(structure.massless, member, part, number))
             given_by = dict.fromkeys(REST) if part in REST else {}
             if kind == "strings" and part in ("stiffness", "curve"):  # tensions in proportion
                 by_name[name] = member.scaled_to(new)
@@ -189,9 +182,9 @@ def _now(structure: Any, member: Any, name: str, number: int) -> Any:
 
 def _with_node(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     structure, target = scene.structure, scene.target
-    number, axis = _node(scene, which, path), axis_of(others, path)
+    number, axis = _node(scene, which, path), parameter_values.axis_of(others, path)
     node = structure.node_names[number]
-    row = vector_from(path, value, axis, structure.nodes[node])
+    row = parameter_values.vector_from(path, value, axis, structure.nodes[node])
     changes: dict[str, Any] = {"structure": replace(structure, nodes={**structure.nodes, node: row})}
     if node in structure.fixed_nodes:
         # Where a fixed node is, it is in the start and in the target too.
@@ -225,7 +218,7 @@ def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: st
     check_known(path, which, strings, "string")
     times = {event.string: event.time for event in scene.breaks}
     broken = parts.get(which, which)  # a rope breaks at its first part
-    times[broken] = number_from(path, value, times.get(broken))
+    times[broken] = parameter_values.number_from(path, value, times.get(broken))
     return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
 
 
@@ -266,11 +259,11 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
     name = others[0] if others else ""
     check_known(path, name, OF_MOTION, "part of a motion")
     if name != "amplitude":
-        no_more(None, others[1:], path)
+        parameter_values.no_more(None, others[1:], path)
     for motion in scene.motions:
         if which in (None, motion.support) and motion.function is not None:
             raise OptionError(f"{path}: the motion of '{motion.support}' is a function, which has no parts to change")
-    axis = axis_of(others[1:], path)
+    axis = parameter_values.axis_of(others[1:], path)
 
     def changed(motion: Motion) -> Motion:
         if which not in (None, motion.support):
@@ -287,7 +280,7 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
 def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:
     """A factor is of all that the motion makes, data too; a number is the length of all amplitudes, or a component."""
     rows = [item.amplitude for item in motion.harmonics]
-    if not isinstance(value, Scaled):
+    if not isinstance(value, parameter_values.Scaled):
         _no_data(path, motion)
         if axis is not None:
             _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
@@ -300,19 +293,19 @@ def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> 
                 raise OptionError(
                     f"{path} = {value!r}: an amplitude of zero has no direction; give a list of three numbers"
                 )
-            value = Scaled(new / now)
+            value = parameter_values.Scaled(new / now)
     data = {
-        key: tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
+        key: tuple(parameter_values.vector_from(path, value, axis, row) for row in getattr(motion, key))
         for key in ("displacements", "velocities", "accelerations")
     }
-    return _with(motion, "amplitude", [vector_from(path, value, axis, row) for row in rows], **data)
+    return _with(motion, "amplitude", [parameter_values.vector_from(path, value, axis, row) for row in rows], **data)
 
 
 def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motion:
     """A factor is one of the pace of all that the motion makes, data too; what stands still goes on standing."""
     omegas = [item.angular_frequency for item in motion.harmonics]
     moving = [omega for omega in omegas if omega]
-    if not isinstance(value, Scaled):
+    if not isinstance(value, parameter_values.Scaled):
         _no_data(path, motion)
         new = unit * finite(path, value)
         if moving:
@@ -338,7 +331,7 @@ def _with_phase(path: str, value: Any, motion: Motion) -> Motion:
     if not moving:
         raise OptionError(f"{path}: nothing of the motion of '{motion.support}' has a frequency")
     now = _one(path, motion, "phases", moving)
-    new = number_from(path, value, now)
+    new = parameter_values.number_from(path, value, now)
     return _with(motion, "phase", [new if h.angular_frequency else h.phase for h in motion.harmonics])
 
 

@@ -76,7 +76,7 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return scene_to_mjcf(scene)
 
     monkeypatch.setattr(preparing, "_layouts", {})
-    monkeypatch.setattr(preparing, "scene_to_mjcf", counted)
+    monkeypatch.setattr(preparing.mjcf, "scene_to_mjcf", counted)
     return made
 
 

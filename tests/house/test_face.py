@@ -26,7 +26,6 @@ FACES = [
     "model",
     "pictures",
     "runs",
-    "simulation",
     "statics",
     "studies",
     "studies.tradeoff",
@@ -107,6 +106,10 @@ def test_importing_the_package_imports_nothing_of_it_before_it_is_used() -> None
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
         "tmj.TensegrityError\n"
         "assert 'tensegrity_mj.errors' in sys.modules and 'numpy' not in sys.modules\n"
+        "try:\n"
+        "    tmj.library\n"
+        "except AttributeError as error:\n"
+        "    assert str(error).endswith(\"has no attribute 'library' yet; import tensegrity_mj.library\")\n"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert child.returncode == 0, child.stderr

@@ -24,20 +24,11 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.text.keys import (
-    FORMAT,
-    GROUND_KEYS,
-    SCENE_KEYS,
-    SHAPE_KEYS,
-    SUPPORT_KEYS,
-    TARGET_KEYS,
-    TUBE_KEYS,
-    WAYPOINT_KEYS,
-)
+from tensegrity_mj.model.text import keys as known
 from tensegrity_mj.model.text.structures import SHARED, SHARING
 from tensegrity_mj.model.whole import Whole
 
-BY_NUMBER = {"waypoints": WAYPOINT_KEYS, "shapes": SHAPE_KEYS}
+BY_NUMBER = {"waypoints": known.WAYPOINT_KEYS, "shapes": known.SHAPE_KEYS}
 NODES = {"type": "object", "additionalProperties": dict(vector("m").schema), "description": "node = [x, y, z]"}
 
 
@@ -48,11 +39,11 @@ def format_schema() -> dict[str, Any]:
     shared = {kind: _keys(cls, parts, SHARED[kind]) for kind, cls in SHARING.items()}
     structure["defaults"] = _table({kind: _table(keys) for kind, keys in shared.items()})
     structure["groups"] = {"type": "object", "additionalProperties": _table(shared["rods"] | shared["strings"])}
-    scene = _keys(Scene, parts, [key for key in SCENE_KEYS if not key.startswith("initial_")])
+    scene = _keys(Scene, parts, [key for key in known.SCENE_KEYS if not key.startswith("initial_")])
     scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(Whole, parts)}
-    scene["ground"] = _table({"file": TEXT} | _keys(Ground, parts, GROUND_KEYS), ["file"])
+    scene["ground"] = _table({"file": TEXT} | _keys(Ground, parts, known.GROUND_KEYS), ["file"])
     file = {
-        "format": {"enum": [FORMAT]},
+        "format": {"enum": [known.FORMAT]},
         "name": TEXT,
         "source": TEXT,
         "structure": {"anyOf": [_table(structure, ["nodes"]), TEXT]},
@@ -95,15 +86,15 @@ def _part(cls: type, parts: dict[str, Any]) -> dict[str, Any]:
     elif cls is Target:
         tables = {key: {one: NODES if one == "nodes" else NUMBER for one in keys} for key, keys in BY_NUMBER.items()}
         target = {key: list_schema(_table(keys, list(keys)[:1])) for key, keys in tables.items()}
-        parts["Target"] = _table(dict.fromkeys(TARGET_KEYS, list_schema(NUMBER)) | target | {"nodes": NODES})
+        parts["Target"] = _table(dict.fromkeys(known.TARGET_KEYS, list_schema(NUMBER)) | target | {"nodes": NODES})
     elif cls.__name__ not in parts:
         keys = _keys(cls, parts)
         maybe = next((SHARED[kind] for kind, one in SHARING.items() if one is cls), [])
         needed = [key for key, one in item_of(cls).keys.items() if one.default is NOTHING and key not in maybe]
-        kinds = list(SUPPORT_KEYS) if cls is Support else [kind_of(cls)]
+        kinds = list(known.SUPPORT_KEYS) if cls is Support else [kind_of(cls)]
         if any(kinds):
             keys, needed = {"kind": {"enum": kinds}} | keys, ["kind", *needed]
         if cls is Section:
-            keys, needed = {key: dict(positive().schema) for key in TUBE_KEYS} | keys, ["elasticity_modulus"]
+            keys, needed = {key: dict(positive().schema) for key in known.TUBE_KEYS} | keys, ["elasticity_modulus"]
         parts[cls.__name__] = _table(keys, needed)
     return {"$ref": f"#/definitions/{cls.__name__}"}
