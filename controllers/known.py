@@ -16,9 +16,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.dynamics.native.elements import native_element
-from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native import elements, law, pointers
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.capabilities import require_rigid
 from tensegrity_mj.model.elements.element import Element
@@ -102,7 +100,7 @@ class ModelLaw:
     known: Sequence[Effect] = field(default=(), kw_only=True)
     model: Scene = field(init=False, repr=False)
 
-    command = Command.FORCE_DENSITY
+    command = law.Command.FORCE_DENSITY
 
     def __post_init__(self) -> None:
         instance("structure", self.structure, Structure, "use a Structure (scene.structure)")
@@ -139,11 +137,11 @@ class PackedEffects:
 
     def __init__(self, scene: Scene) -> None:
         self.failure: list[BaseException] = _Errors()
-        self._elements = [native_element(one, scene, self.failure) for one in scene.effects]
+        self._elements = [elements.native_element(one, scene, self.failure) for one in scene.effects]
         self.in_python = any(not one.context for one in self._elements)
         records = [number for one in self._elements for number in (one.address, one.context)]
         self._table = np.array([len(self._elements), *records], np.int64)
-        self.address = address_of(self._table) if self._elements else 0
+        self.address = pointers.address_of(self._table) if self._elements else 0
 
 
 def described(known: Iterable[Effect]) -> dict[str, Any]:

@@ -22,9 +22,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import not_negative, positive
-from tensegrity_mj.controllers.lyapunov import Lyapunov
-from tensegrity_mj.controllers.projection import Projection
-from tensegrity_mj.controllers.quadratic_terms import Onto
+from tensegrity_mj.controllers import lyapunov, projection, quadratic_terms
 from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import directions, rod_number
@@ -44,7 +42,7 @@ class Landscape:
         OptionError: unless α γ > β², γ > 0 and K >= 0.
     """
 
-    onto: Onto | None = None
+    onto: quadratic_terms.Onto | None = None
     alpha: float = 1.0
     beta: float = 1.0
     gamma: float = field(positive(), default=1.5)
@@ -57,13 +55,13 @@ class Landscape:
             raise refused(self, text)
 
     @classmethod
-    def of(cls, law: Lyapunov | Projection, rod: str | None = None) -> Landscape:
+    def of(cls, law: lyapunov.Lyapunov | projection.Projection, rod: str | None = None) -> Landscape:
         """The landscape of a law, for one of its rods: the first by default.
 
         Raises:
             OptionError: for another law, an unknown rod, or gains of b that are not multiples of the identity.
         """
-        if not isinstance(law, (Lyapunov, Projection)):
+        if not isinstance(law, (lyapunov.Lyapunov, projection.Projection)):
             raise OptionError(f"a landscape is drawn of a Lyapunov or a Projection law, not of {law!r}")
         record = law.gains[rod_number(law.structure, rod)]
         values = []
@@ -85,7 +83,7 @@ class Landscape:
         if self.onto is None:
             return self.alpha * away + self.beta * rate * np.sin(phi) + kinetic
         mixed = self.beta * rate * np.sin(phi)
-        if self.onto is Onto.TARGET:
+        if self.onto is quadratic_terms.Onto.TARGET:
             mixed = mixed * np.cos(phi)
         return 0.5 * self.alpha * np.sin(phi) ** 2 + mixed + kinetic + self.stiffness * away
 

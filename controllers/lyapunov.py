@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.controllers.known import KnownWater
-from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
-from tensegrity_mj.controllers.table import NamedLaw
+from tensegrity_mj.controllers import known, quadratic_law, table
 
 
 @dataclass(frozen=True, eq=False)
-class Lyapunov(QuadraticLaw):
+class Lyapunov(quadratic_law.QuadraticLaw):
     """The law of Theorem 5.1 with the explicit minima of Lemma 5.1; options and errors are those of `QuadraticLaw`."""
 
     def describe(self) -> dict[str, Any]:
@@ -25,4 +23,4 @@ class Lyapunov(QuadraticLaw):
         return {"law": "lyapunov", **super().describe()}
 
 
-LAW = NamedLaw(Lyapunov, {"water": KnownWater})
+LAW = table.NamedLaw(Lyapunov, {"water": known.KnownWater})

@@ -8,9 +8,7 @@ from typing import Any, Final, Literal
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.basics.hints import fitted
-from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.basics import checks, hints, texts
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, found, is_own, named
 from tensegrity_mj.controllers.table import LAWS, NamedLaw
@@ -57,7 +55,7 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
         OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not; if
             a law of your own cannot be made.
     """
-    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    checks.instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     where = f"scene '{scene.name}'"
     name = law if law is not None else named_in(scene)
     entry = law_named(name, where)
@@ -94,7 +92,7 @@ def law_named(name: Any, where: str) -> NamedLaw | OwnLaw:
     if isinstance(name, str) and is_own(name):
         return found(named(name))
     if not isinstance(name, str) or name not in LAWS:
-        meant = closest(name, LAWS) if isinstance(name, str) else ""
+        meant = texts.closest(name, LAWS) if isinstance(name, str) else ""
         raise OptionError(
             f"{where}: unknown law {name!r}{meant}; allowed: {', '.join(LAWS)}, and path.py:name or module:name of "
             "your own"
@@ -107,14 +105,14 @@ def _made(entry: NamedLaw, name: str, scene: Scene, given: Mapping[str, Any]) ->
     where = f"scene '{scene.name}'"
     for key in given:
         if key not in entry.options:
-            allowed = f"{closest(key, entry.options)}; allowed: {', '.join(entry.options)}"
+            allowed = f"{texts.closest(key, entry.options)}; allowed: {', '.join(entry.options)}"
             raise OptionError(f"{where}: law '{name}' has no option '{key}'{allowed}")
     if scene.target is None and entry.needs_target:
         raise OptionError(
             f"{where} has no target, which its law needs: add [scene.target], or run it without a law "
             "(controller=None, --law none)"
         )
-    options = {key: fitted(f"{where}: {key}", value, entry.options[key]) for key, value in given.items()}
+    options = {key: hints.fitted(f"{where}: {key}", value, entry.options[key]) for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
     known = () if water is None else (water,)
     return entry.law(scene.structure, scene.target, gravity=scene.gravity, known=known, **options)

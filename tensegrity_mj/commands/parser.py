@@ -9,9 +9,7 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 from tensegrity_mj.basics.texts import nearest
-from tensegrity_mj.commands.arguments import add_arguments, words_of
-from tensegrity_mj.commands.common import EXIT_CODES
-from tensegrity_mj.commands.installed import EVIDENCE, MISSING
+from tensegrity_mj.commands import arguments, common, installed
 from tensegrity_mj.errors import MissingLibraryError
 
 PROGRAM = "tensegrity-mj"
@@ -76,8 +74,8 @@ class Parser(argparse.ArgumentParser):
             return
         allowed = [str(choice) for choice in action.choices]
         if isinstance(action, argparse._SubParsersAction):
-            if value in EVIDENCE and not self.words:
-                raise MissingLibraryError(f"{value}: {MISSING}")
+            if value in installed.EVIDENCE and not self.words:
+                raise MissingLibraryError(f"{value}: {installed.MISSING}")
             meant = self._command_like(str(value))
             more = f"did you mean {meant}?" if meant else f"allowed: {', '.join(allowed)}"
             raise argparse.ArgumentError(None, f"{value}: there is no such command; {more}")
@@ -125,7 +123,7 @@ class Parser(argparse.ArgumentParser):
 
 def build(groups: Groups, description: str, epilog: str) -> Parser:
     """The parser of all commands, by groups."""
-    parser = Parser(prog=PROGRAM, description=description, epilog=f"{epilog}\n\n{EXIT_CODES}")
+    parser = Parser(prog=PROGRAM, description=description, epilog=f"{epilog}\n\n{common.EXIT_CODES}")
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     _add_commands(parser, {name: module for group in groups.values() for name, module in group.items()})
     parser.groups = {title: list(group) for title, group in groups.items()}
@@ -136,15 +134,15 @@ def _add_commands(parser: Parser, modules: Mapping[str, ModuleType], required: b
     places = parser.add_subparsers(metavar="COMMAND", required=required)
     for name, module in modules.items():
         inner: Mapping[str, ModuleType] = getattr(module, "COMMANDS", {})
-        words = words_of(module)
-        epilog = f"{words.get('examples', '').rstrip()}\n\n{EXIT_CODES}".strip()
+        words = arguments.words_of(module)
+        epilog = f"{words.get('examples', '').rstrip()}\n\n{common.EXIT_CODES}".strip()
         command = places.add_parser(name, help=words["help"], description=module.__doc__, epilog=epilog)
         parser.commands[name] = command
         if inner:
             _add_commands(command, inner, required=True)
             command.groups = {"commands": list(inner)}
             continue
-        add_arguments(command, module)
+        arguments.add_arguments(command, module)
         command.add_argument(
             "--json", action="store_true", help="print one JSON object on stdout; everything else goes to stderr"
         )

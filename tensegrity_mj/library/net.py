@@ -12,9 +12,7 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS, scene_of
-from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.suspended_cable import hung
+from tensegrity_mj.library import cable, cross, suspended_cable
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.scene import Scene
@@ -55,9 +53,9 @@ class Net:
     held: Held = Held.CORNERS
     slack: float = field(kinds.number("within (0, 1)", lambda x: 0 < x < 1), default=0.1)
     spacing: float = field(kinds.positive("m"), default=0.25)
-    rod_mass: float = field(kinds.positive("kg"), default=ROPE_ELEMENT_MASS)
+    rod_mass: float = field(kinds.positive("kg"), default=cable.ROPE_ELEMENT_MASS)
     load: float = field(kinds.not_negative("N"), default=0.5)
-    gravity: float = GRAVITY
+    gravity: float = cable.GRAVITY
     duration: float = 3.0
     name: str = "net"
 
@@ -105,14 +103,14 @@ class Net:
             name=self.name,
             nodes=dict(zip(names, guess.tolist(), strict=True)),
             rods=tuple(
-                Rod(key, (names[i], names[j]), self.rod_mass, ROPE_RADIUS, supports.get(key, Support.free(0.0)))
+                Rod(key, (names[i], names[j]), self.rod_mass, cable.ROPE_RADIUS, supports.get(key, Support.free(0.0)))
                 for key, (i, j) in rods.items()
             ),
         )
         middle = names[row_of(across // 2, along // 2)]
-        source = f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69"
+        source = f"our own; rods like those of the cable of {cross.THESIS}, section 3.3, pages 66-69"
         loads = (Load(middle, (0.0, 0.0, -self.load)),) if self.load else ()
-        return scene_of(self, hung(structure, self.spacing, self.gravity), source, loads=loads)
+        return cable.scene_of(self, suspended_cable.hung(structure, self.spacing, self.gravity), source, loads=loads)
 
 
 net = function_of(Net)

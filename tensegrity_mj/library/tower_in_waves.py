@@ -14,10 +14,7 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY
-from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
-from tensegrity_mj.library.tower import Topology, shared_fields, tower_like
+from tensegrity_mj.library import cable, cross, thesis_towers, tower
 from tensegrity_mj.model.elements.water import Water, Weights
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.members import Vector
@@ -56,10 +53,10 @@ class TowerInWaves:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    stiffness: float = STIFFNESSES[0]
-    prestress_measure: float = PRESTRESS_MEASURES[0]
-    stages: int = CHAPTER7_STAGES
-    topology: Topology = Topology.FULL
+    stiffness: float = thesis_towers.STIFFNESSES[0]
+    prestress_measure: float = thesis_towers.PRESTRESS_MEASURES[0]
+    stages: int = thesis_towers.CHAPTER7_STAGES
+    topology: tower.Topology = tower.Topology.FULL
     radius: float | None = None
     damping: float = 0.0
     wave_height: float = field(kinds.not_negative("m"), default=WAVE_HEIGHT)
@@ -80,9 +77,9 @@ class TowerInWaves:
     def __call__(self) -> Scene:
         height = self.wave_height
         wave = Wave(0.5 * height, self.wavelength, None, self.direction, self.phase)
-        water = Water(depth=self.water_depth, waves=(wave,) if height else (), **shared_fields(Water, self))
-        scene = tower_like(self, origin=(0.0, 0.0, -self.start_depth), gravity=GRAVITY)
-        return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
+        water = Water(depth=self.water_depth, waves=(wave,) if height else (), **tower.shared_fields(Water, self))
+        scene = tower.tower_like(self, origin=(0.0, 0.0, -self.start_depth), gravity=cable.GRAVITY)
+        return scene.with_(water=water, source=f"{cross.THESIS}, section 7.2.3, pages 154-157")
 
 
 tower_in_waves = function_of(TowerInWaves)

@@ -11,10 +11,7 @@ from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.kinds import LARGEST
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import SceneError
-from tensegrity_mj.model.elements.contact import check_contact
-from tensegrity_mj.model.elements.element import check_elements
-from tensegrity_mj.model.elements.resistance import check_resistance
-from tensegrity_mj.model.elements.water import check_water
+from tensegrity_mj.model.elements import contact, element, resistance, water
 from tensegrity_mj.model.members import unit_rows
 from tensegrity_mj.model.moved_supports import check_motions
 from tensegrity_mj.model.structure import Structure
@@ -41,12 +38,12 @@ def check_scene(scene: Scene) -> None:
     _check_loads(scene)
     _check_breaks(scene)
     if scene.contact is not None:
-        check_contact(scene)
+        contact.check_contact(scene)
     if scene.resistance is not None:
-        check_resistance(structure, scene.resistance)
+        resistance.check_resistance(structure, scene.resistance)
     if scene.water is not None:
-        check_water(scene)
-    check_elements(scene)
+        water.check_water(scene)
+    element.check_elements(scene)
     if scene.target is not None:
         check_target(structure.massless, scene.target)
 

@@ -10,10 +10,8 @@ import numpy as np
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import vector
 from tensegrity_mj.errors import SceneError
+from tensegrity_mj.model import rods, scene_checks, structure_checks
 from tensegrity_mj.model.members import Vector
-from tensegrity_mj.model.rods import lumped_masses
-from tensegrity_mj.model.scene_checks import check_velocities
-from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
@@ -52,14 +50,14 @@ class Whole:
         if not any((*self.velocity, *self.angular_velocity)):
             return scene
         structure, nodes = scene.structure, scene.nodes0
-        middle = np.average(nodes, axis=0, weights=lumped_masses(structure))
+        middle = np.average(nodes, axis=0, weights=rods.lumped_masses(structure))
         center = middle if self.center is None else np.array(self.center)
         rates = np.array(self.velocity) + np.cross(self.angular_velocity, nodes - center)
         for row in (structure.node_index[name] for name in structure.fixed_nodes):
-            if np.abs(rates[row]).max() <= CONSTRAINT_TOLERANCE * np.abs(rates).max():
+            if np.abs(rates[row]).max() <= structure_checks.CONSTRAINT_TOLERANCE * np.abs(rates).max():
                 rates[row] = 0.0  # on the axis, but for round-off
         try:
-            check_velocities(structure, nodes, rates, {}, "whole")
+            scene_checks.check_velocities(structure, nodes, rates, {}, "whole")
         except SceneError as error:
             raise SceneError(
                 f"{error}: the ground holds it there, so that the whole cannot start with velocity = "

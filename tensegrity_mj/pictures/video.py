@@ -26,10 +26,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.notebook import ShownFile
-from tensegrity_mj.pictures.opengl import MAX_SIZE
-from tensegrity_mj.pictures.paper import WIDTHS
+from tensegrity_mj.pictures import motion, notebook, opengl, paper
 from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.view import MIN_SIZE, Layout, Quality, View, ViewOptions
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -91,11 +88,11 @@ def render(
         raise OptionError(
             f"size={shown.size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
         )
-    films = [Motion.of(run)] + ([] if other is None else [Motion.of(other)])
+    films = [motion.Motion.of(run)] + ([] if other is None else [motion.Motion.of(other)])
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
     with Stage(films[0], films[-1] if films[1:] else None, layout, shown) as stage, replacing(destination) as part:
         _encode(stage, times, part, fps, progress)
-    return ShownFile(destination)
+    return notebook.ShownFile(destination)
 
 
 def frames(
@@ -193,11 +190,11 @@ def still(
     destination = checked(path, (".png",), "still")
     if not (math.isfinite(dpi) and dpi > 0.0):
         raise OptionError(f"dpi={dpi!r}: it must be a finite number > 0")
-    wide = round(WIDTHS[2] * dpi / 16.0) * 16
+    wide = round(paper.WIDTHS[2] * dpi / 16.0) * 16
     options: ViewOptions = {"size": (wide, wide * 9 // 16), "quality": Quality.BEST, "traces": False}
     options |= {**view, "text": False}
-    if "size" not in view and not MIN_SIZE <= options["size"][1] <= options["size"][0] <= MAX_SIZE:
-        raise OptionError(f"dpi={dpi:g}: a width of 181 mm has {wide} pixels; at most {MAX_SIZE} can be drawn")
+    if "size" not in view and not MIN_SIZE <= options["size"][1] <= options["size"][0] <= opengl.MAX_SIZE:
+        raise OptionError(f"dpi={dpi:g}: a width of 181 mm has {wide} pixels; at most {opengl.MAX_SIZE} can be drawn")
     with _stage(source, other, Layout.OVERLAY, options) as stage:
         pixels = stage.cut_out(stage.moment(time))
     seen = np.argwhere(pixels[..., 3] > 0)
@@ -208,7 +205,7 @@ def still(
 
 
 def _stage(source: Trajectory | Scene, other: Trajectory | None, layout: Layout, view: ViewOptions) -> Stage:
-    return Stage(Motion.of(source), None if other is None else Motion.of(other), layout, View(**view))
+    return Stage(motion.Motion.of(source), None if other is None else motion.Motion.of(other), layout, View(**view))
 
 
 def _saved(pixels: Image, destination: Path, **more: Any) -> Path:
@@ -216,7 +213,7 @@ def _saved(pixels: Image, destination: Path, **more: Any) -> Path:
 
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True, **more)
-    return ShownFile(destination)
+    return notebook.ShownFile(destination)
 
 
 def frame_times(start: float, end: float, fps: float, speed: float) -> NDArray[np.float64]:

@@ -19,21 +19,15 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics import dependencies, files, jsontext, units
 from tensegrity_mj.basics.arrays import Array, rotation_to
-from tensegrity_mj.basics.dependencies import of_extra, optional
-from tensegrity_mj.basics.files import checked, write_text
-from tensegrity_mj.basics.jsontext import to_json
-from tensegrity_mj.basics.units import power_of, unit_with
 from tensegrity_mj.errors import printable
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures import painter, palette, supports, surface
 from tensegrity_mj.pictures.camera import clearest
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes
-from tensegrity_mj.pictures.supports import support_places
-from tensegrity_mj.pictures.surface import quads
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
@@ -66,7 +60,7 @@ class WebPage:
         Raises:
             OptionError: a path that cannot be written.
         """
-        return write_text(checked(path, (".html", ".htm"), "page"), self.text)
+        return files.write_text(files.checked(path, (".html", ".htm"), "page"), self.text)
 
     def describe(self) -> str:
         """Say how many frames were chosen, and how large the page is."""
@@ -101,7 +95,7 @@ def make_web_page(source: Trajectory | Scene) -> WebPage:
     frame = importlib.resources.files("tensegrity_mj.pictures").joinpath("web.html").read_text(encoding="utf-8")
     texts = {name: escape(printable(getattr(motion, name))) for name in ("title", "label", "note")}
     # No text of the JSON can end the element of HTML that it stands in.
-    run = to_json(_data(motion, times)).replace("<", "\\u003c")
+    run = jsontext.to_json(_data(motion, times)).replace("<", "\\u003c")
     text = Template(frame).substitute(texts, plotly=plotly, run=run)
     return WebPage(text, len(times), float(times[-1] - times[0]) / max(len(times) - 1, 1))
 
@@ -112,9 +106,9 @@ def plotly_script() -> str:
     Raises:
         MissingPackageError: with the command that installs plotly.
     """
-    wanted, what = of_extra("web"), "the page in 3-D (pictures and videos do without)"
-    optional("plotly", what, wanted)  # the package first, by its name
-    return str(optional("plotly.offline", what, wanted).get_plotlyjs())
+    wanted, what = dependencies.of_extra("web"), "the page in 3-D (pictures and videos do without)"
+    dependencies.optional("plotly", what, wanted)  # the package first, by its name
+    return str(dependencies.optional("plotly.offline", what, wanted).get_plotlyjs())
 
 
 def _times(motion: Motion, room: int) -> Array:
@@ -135,12 +129,12 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     tensions, rest = np.split(np.array(among).reshape(-1, len(times)).T, 2, axis=1)
     box = _Box.of(motion, nodes, aims)
     paths = structure.paths
-    held = support_places(structure)
+    held = supports.support_places(structure)
     edges = [body.name for body, frame in zip(structure.bodies, structure.frames, strict=True) for _ in frame.edges]
-    sizes = Sizes.of(structure, box.extent)
+    sizes = painter.Sizes.of(structure, box.extent)
     scale = palette.TensionScale.of(motion.tensions)
-    ticks, power = np.linspace(0.0, scale.end, 5), power_of(scale.end, "N")
-    slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
+    ticks, power = np.linspace(0.0, scale.end, 5), units.power_of(scale.end, "N")
+    slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + painter.SLACKNESS))
     masses = mass_places(structure)
     drawn = {
         "nodes": True,
@@ -169,7 +163,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "rest": _packed(rest),
         "target": None if aims is None else _packed(aims),
         "rods": [[*map(int, pair), radius] for pair, radius in zip(structure.rod_nodes, sizes.rod, strict=True)]
-        + [[*map(int, pair), EDGE * sizes.string] for pair in structure.body_edges],
+        + [[*map(int, pair), painter.EDGE * sizes.string] for pair in structure.body_edges],
         "strings": [[*map(int, pair), int(row)] for pair, row in zip(paths.nodes, paths.strings, strict=True)],
         "breaks": motion.break_times,  # infinite, that is never, becomes null
         "supports": [[i, j, sigma] for i, j, sigma, *_ in held],
@@ -183,7 +177,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "eye": _eye(motion, box.half),
         "ticks": ticks,
         "tick_texts": [f"{tick / 10.0**power:.3g}" for tick in ticks],
-        "unit": unit_with(power, "N"),
+        "unit": units.unit_with(power, "N"),
         "scale": [[n / 8, _css(palette.tension_colors(n / 8))] for n in range(9)],
         "colors": {name: _css(color) for name, color in _COLORS.items()},
     }
@@ -278,7 +272,7 @@ def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> dict[str, A
     )
     places = np.meshgrid(x[rows], y[columns], indexing="ij")
     points = np.stack([*places, z[np.ix_(rows, columns)] + floor[0][2]], axis=-1).reshape(-1, 3)
-    return {"points": points, "faces": quads(np.arange(len(points)).reshape(len(rows), len(columns)))}
+    return {"points": points, "faces": surface.quads(np.arange(len(points)).reshape(len(rows), len(columns)))}
 
 
 def _eye(motion: Motion, half: Array) -> Array:

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics import checks, files, jsontext
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.files import content_of, path_of, said_in_comments
-from tensegrity_mj.basics.jsontext import from_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.runs.netcdf import opened
 
@@ -63,7 +61,7 @@ class Table:
 
     def __post_init__(self) -> None:
         count = np.size(self.time)
-        time = real_array(f"{self.name}: time", self.time, (count,), "s", scalar=False)
+        time = checks.real_array(f"{self.name}: time", self.time, (count,), "s", scalar=False)
         object.__setattr__(self, "time", time)
         back = np.flatnonzero(np.diff(time) <= 0)
         if len(back):
@@ -86,7 +84,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         FormatError: if the file is absent or no such table, where a value is no finite number, or times do not rise; it
             names the line and the column.
     """
-    source = path_of(path, "a table's .csv or .nc file")
+    source = files.path_of(path, "a table's .csv or .nc file")
     found = _read_netcdf(source) if source.suffix.lower() == ".nc" else _read_csv(source)
     try:
         return Table(**found, name=source.name)
@@ -100,7 +98,7 @@ def _backwards(now: float, before: float) -> str:
 
 def _read_csv(source: Path) -> dict[str, Any]:
     try:
-        text = content_of(source, MOST_BYTES).decode("utf-8-sig")
+        text = files.content_of(source, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{source}: no text in UTF-8 ({error.reason} at byte {error.start}); {FORM}") from None
     lines = text.splitlines()
@@ -144,7 +142,7 @@ def _read_csv(source: Path) -> dict[str, Any]:
     )
     velocities = moved[..., 3:] if fast else None
     data = {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": tensions}
-    return data | {"lengths": lengths, "header": said_in_comments(lines)}
+    return data | {"lengths": lengths, "header": files.said_in_comments(lines)}
 
 
 def _number(source: Path, line: int, column: str, text: str) -> float:
@@ -177,7 +175,7 @@ def _read_netcdf(source: Path) -> dict[str, Any]:
         nodes = _names(held["node"])
         step = file.attrs.get("step")
         if step is None and "scene" in file.attrs:  # a run of ours, which says what it was computed with
-            step = from_exact_json(str(file.attrs["provenance"])).get("engine", {}).get("timestep")
+            step = jsontext.from_exact_json(str(file.attrs["provenance"])).get("engine", {}).get("timestep")
     moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
     return {"time": values["time"], "nodes": nodes, **of_strings, **moved, "header": {"step": step}}
 

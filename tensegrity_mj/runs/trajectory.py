@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tensegrity_mj.basics import files, seconds, texts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, finite
-from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.basics.seconds import read
-from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
@@ -80,7 +78,7 @@ class Trajectory:
     constraint_forces: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __repr__(self) -> str:
-        return at_a_glance(rows_of(self))
+        return texts.at_a_glance(rows_of(self))
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -255,7 +253,7 @@ class Trajectory:
             OptionError: for another suffix, or a place where no file can be written; as `water_loads`.
             FormatError: if writing fails.
         """
-        destination = checked(path, SUFFIXES, "trajectory")
+        destination = files.checked(path, SUFFIXES, "trajectory")
         match destination.suffix.lower():
             case ".csv":
                 from tensegrity_mj.runs.tables import write_csv as write
@@ -263,7 +261,7 @@ class Trajectory:
                 from tensegrity_mj.runs.tables import write_mat as write
             case _:
                 from tensegrity_mj.runs.stored import write_run as write
-        with replacing(destination) as part:
+        with files.replacing(destination) as part:
             write(self, part, water_loads)
         return destination
 
@@ -281,7 +279,7 @@ class Trajectory:
 
     def at(self, time: float | str) -> Trajectory:
         """The run up to its sample at a time [s], from which `simulate` goes on; OptionError where there is none."""
-        time = finite("time", read(time), " [s]")
+        time = finite("time", seconds.read(time), " [s]")
         row = int(np.searchsorted(self.time, time * (1 - 1e-9)))
         if row == len(self.time) or self.time[row] > time * (1 + 1e-9):
             nearest = " and ".join(f"{one:.9g} s" for one in self.time[max(row - 1, 0) : row + 1])

@@ -17,10 +17,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.continuing import scene_at_end, start_of
+from tensegrity_mj.engines import continuing, requirements, table
 from tensegrity_mj.engines.request import AcceleratingEngine, Request, request_for, settled
-from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -82,14 +80,14 @@ def simulate(
     if isinstance(scene, Trajectory):
         scene, duration, actuation = _goes_on(scene, duration, actuation)
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    engine = checked_engine(engine)
-    require(engine, scene)
+    engine = table.checked_engine(engine)
+    requirements.require(engine, scene)
     controller = law_for(scene, default := controller)
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     engine, request, taken = settled(engine, request)
     if before is not None:
         if scene is before.scene:
-            request = replace(request, start=start_of(before, engine, controller))
+            request = replace(request, start=continuing.start_of(before, engine, controller))
         check_motions_until(scene, request.begin + request.duration)
         if default is SCENE_LAW and request.law.description != before.provenance.get("controller"):
             raise OptionError("the run to go on from was not under the scene's own law: give its law, or None for none")
@@ -146,10 +144,10 @@ def accelerations(
         InfeasibleError, ControllerError: if the law has no solution at the state, or fails there.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    engine = checked_engine(engine, "accelerations")
+    engine = table.checked_engine(engine, "accelerations")
     given = {"initial_nodes": nodes, "initial_velocities": velocities, "start_time": time}
     scene = scene.with_(**{key: one for key, one in given.items() if one is not None})
-    require(engine, scene)
+    requirements.require(engine, scene)
     law = law_for(scene, controller)
     if rest_lengths is not None:
         if law is not None:
@@ -172,7 +170,7 @@ def _goes_on(
     held = run.provenance.get("actuation") or {}
     if actuation is None and held.get("mode", "continuous") != "continuous":
         actuation = Actuation(held["mode"], held["period"])
-    return scene_at_end(run), left, actuation
+    return continuing.scene_at_end(run), left, actuation
 
 
 def simulate_as_far(scene: Scene, controller: AnyLaw, engine: Engine | None, **options: Any) -> Trajectory:

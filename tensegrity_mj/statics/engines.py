@@ -21,9 +21,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.request import AcceleratingEngine, Request
-from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import checked_engine
+from tensegrity_mj.engines import request, requirements, table
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.linearization.chart import Chart, chart_of
 from tensegrity_mj.linearization.differences import reach_of
@@ -71,7 +69,7 @@ class EngineEquilibrium:
 
 
 def engine_equilibrium(
-    scene: Scene, engine: AcceleratingEngine, *, nodes: ArrayLike | None = None, iterations: int = 300
+    scene: Scene, engine: request.AcceleratingEngine, *, nodes: ArrayLike | None = None, iterations: int = 300
 ) -> EngineEquilibrium:
     """A stable equilibrium of a scene by an engine's accelerations alone, near the start.
 
@@ -89,9 +87,9 @@ def engine_equilibrium(
         InfeasibleError: where none is found.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    engine = checked_engine(engine, "accelerations")
+    engine = table.checked_engine(engine, "accelerations")
     limit = whole("iterations", iterations, 1)
-    require(None, scene, "engine_equilibrium")
+    requirements.require(None, scene, "engine_equilibrium")
     shape = (len(scene.structure.nodes), 3)
     start = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
     scene = scene.with_(initial_nodes=start, initial_velocities=None, breaks=(), contact=None, control=None)
@@ -101,9 +99,9 @@ def engine_equilibrium(
 class AtRest:
     """A scene's accelerations at rest by its engine alone, in coordinates of charts, and how often it was called."""
 
-    def __init__(self, scene: Scene, engine: AcceleratingEngine) -> None:
+    def __init__(self, scene: Scene, engine: request.AcceleratingEngine) -> None:
         self.scene, self.engine, self.evaluations = scene, engine, 0
-        self.field = engine.accelerations(Request(scene, native_law(None, scene.structure)))
+        self.field = engine.accelerations(request.Request(scene, native_law(None, scene.structure)))
         self.still = np.zeros_like(scene.nodes0)
         self.reach = reach_of(scene.structure, scene.nodes0)
 
@@ -247,7 +245,7 @@ class EngineCheck:
         return f"{self.engine}: {place}{swings}"
 
 
-def check_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -> EngineCheck:
+def check_engine(state: StaticState, modes: Modes, engine: request.AcceleratingEngine) -> EngineCheck:
     """Let an engine find the equilibrium from where the model starts, and the frequencies about it.
 
     Args:

@@ -28,10 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import checks, jsontext, texts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.jsontext import plain, plain_values
-from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -102,7 +100,7 @@ class Prestressability:
             ("rank", f"{self.rank}, {'clear' if self.rank_is_clear else 'in doubt'}"),
             ("verdict", f"prestress stable: {self.prestress_stable.value}; super stable: {self.super_stable.value}"),
         ]
-        return at_a_glance(rows)
+        return texts.at_a_glance(rows)
 
     @property
     def rank(self) -> int:
@@ -192,16 +190,16 @@ class Prestressability:
             "structure": self.structure.name,
             "strings": [string.name for string in self.structure.strings],
             "rods": [rod.name for rod in self.structure.rods],
-            **plain_values(
+            **jsontext.plain_values(
                 self, "nodes", "free_coordinates", "rank", "rank_is_clear", "singular_values", "self_stress"
             ),
             "rigid_motions": self.rigid_motions.T.tolist(),
             "mechanisms": self.mechanisms.T.tolist(),
-            **plain_values(self, "can_pull", "can_push", "all_can_push", "obstacle"),
+            **jsontext.plain_values(self, "can_pull", "can_push", "all_can_push", "obstacle"),
             "rigid_to_first_order": self.is_rigid_to_first_order,
-            "prestress": plain(self.prestress),
+            "prestress": jsontext.plain(self.prestress),
             "own_prestress": self.own,
-            **plain_values(self, "prestress_stiffness", "stiffness_bound", "prestress_stable", "super_stable"),
+            **jsontext.plain_values(self, "prestress_stiffness", "stiffness_bound", "prestress_stable", "super_stable"),
             "described": self.describe(),
         }
 
@@ -239,7 +237,7 @@ def prestressability(
             )
         model = source if isinstance(source, StaticModel) else StaticModel.of(source, holds=holds)
         shape = (len(model.structure.nodes), 3)
-        places = model.start if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
+        places = model.start if nodes is None else checks.real_array("nodes", nodes, shape, "m", scalar=False)
     if holds and isinstance(source, (StaticModel, StaticState)):
         raise OptionError("prestressability: holds: a model has its own; leave them out, or give its scene")
     for body in model.structure.bodies:

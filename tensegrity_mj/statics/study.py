@@ -24,11 +24,9 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import labels_of
-from tensegrity_mj.statics import words
+from tensegrity_mj.statics import boundary, equilibrium, lightest, words
 from tensegrity_mj.statics.balance import Balance, balance
-from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium, relax
-from tensegrity_mj.statics.lightest import minimal_mass
+from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
@@ -163,7 +161,7 @@ def analyse(
     rods: Rods = Rods.RIGID,
     search: Search = Search.NEWTON,
     loads: Mapping[str, Sequence[float]] | ArrayLike | None = None,
-    holds: Sequence[Hold] = (),
+    holds: Sequence[boundary.Hold] = (),
     broken: Sequence[str] = (),
     rest_lengths: Mapping[str, float] | ArrayLike | None = None,
     path: bool = False,
@@ -228,7 +226,7 @@ def analyse(
             states = [response.path.states[-1]]
         else:
             response, states = None, [] if search is Search.RELAXATION else [find_equilibrium(model)]
-            states += [] if search is Search.NEWTON else [relax(model, progress=progress)]
+            states += [] if search is Search.NEWTON else [equilibrium.relax(model, progress=progress)]
     except InfeasibleError as error:
         if checked is None and sizing is None:
             raise
@@ -285,7 +283,7 @@ def _sized(model: StaticModel, materials: Materials) -> Sizing:
     scene, structure = model.scene, model.structure
     if not np.all(model.whole):
         raise OptionError("materials: strings that are to be sized are whole; leave broken ones out of the study")
-    return minimal_mass(
+    return lightest.minimal_mass(
         structure.placed(model.start),
         steady_forces(scene, model.start) + model.element_forces(model.start.ravel()).reshape(-1, 3) + model.loads,
         rods=materials.rods,

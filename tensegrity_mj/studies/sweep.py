@@ -28,15 +28,9 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies.attempt import WithFiles
+from tensegrity_mj.studies import attempt, known_elements, many, parameter_values, plain, scene_parameters, table
 from tensegrity_mj.studies.axes import Axis, Choice, Draw, Together, Vary
-from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
-from tensegrity_mj.studies.many import RunOptions, Study, run_study
-from tensegrity_mj.studies.parameter_values import encoded
 from tensegrity_mj.studies.parameters import Draft
-from tensegrity_mj.studies.plain import canonical
-from tensegrity_mj.studies.scene_parameters import single_draws
-from tensegrity_mj.studies.table import measure
 from tensegrity_mj.studies.workers import Workers, workers_for
 
 TRAJECTORY = "trajectory.nc"
@@ -92,7 +86,7 @@ class Sweep:
             raise OptionError("Sweep: what is drawn needs a seed, so that it can be drawn again; give one, such as 0")
         if self.samples > 1 and not self.draws:
             raise OptionError(f"Sweep: samples = {self.samples}, and nothing is drawn; add draws, or leave it out")
-        object.__setattr__(self, "draws", single_draws(cast(Scene, self.scene), self.draws))
+        object.__setattr__(self, "draws", scene_parameters.single_draws(cast(Scene, self.scene), self.draws))
         self._check()
 
     @property
@@ -103,12 +97,12 @@ class Sweep:
 
     def points(self, samples: int | None = None) -> Iterator[dict[str, Any]]:
         """Path -> value of each point, as points hold it; of so many samples, all of them by default."""
-        fixed = {name: encoded(value) for name, value in self.fixed.items()}
+        fixed = {name: parameter_values.encoded(value) for name, value in self.fixed.items()}
         drawn = [self.sample(number) for number in range(self.samples if samples is None else samples)]
         rows = [list(zip(*(one.values for one in axis.axes), strict=True)) for axis in self.axes]
         names = [one.parameter for axis in self.axes for one in axis.axes]
         for combination in itertools.product(*rows):
-            values = map(encoded, itertools.chain(*combination))
+            values = map(parameter_values.encoded, itertools.chain(*combination))
             settings = fixed | dict(zip(names, values, strict=True))
             for sample in drawn:
                 yield settings | sample
@@ -126,7 +120,7 @@ class Sweep:
         engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
         return {
             **({"family": self.family} if self.family else {}),
-            **elements_of(cast(Scene, self.scene)),
+            **known_elements.elements_of(cast(Scene, self.scene)),
             "scene": scene_to_toml(cast(Scene, self.scene)),
             "law": self._law,
             **({"own_laws": self._own_laws} if self._own_laws else {}),
@@ -143,7 +137,7 @@ class Sweep:
         *,
         workers: Workers | None = None,
         progress: bool = False,
-    ) -> Study:
+    ) -> many.Study:
         """Run it, or go on with it; see `run_many`.
 
         Raises:
@@ -153,8 +147,8 @@ class Sweep:
             raise OptionError("Sweep: keep_trajectories needs a folder to keep them in")
         points = [{"parameters": settings} for settings in self.points()]
         label = f"sweep of {cast(Scene, self.scene).name}"
-        how: RunOptions = {"workers": workers_for(self._law, workers), "progress": progress}
-        return run_study(simulate_point, points, folder, label, how, self.common())
+        how: many.RunOptions = {"workers": workers_for(self._law, workers), "progress": progress}
+        return many.run_study(simulate_point, points, folder, label, how, self.common())
 
     @cached_property
     def _law(self) -> Spec | None:
@@ -196,7 +190,7 @@ class Sweep:
         common = self.common()
         for path, setting in singles:
             try:
-                drafted(common).apply({path: encoded(setting)})
+                drafted(common).apply({path: parameter_values.encoded(setting)})
             except OptionError:
                 raise
             except TensegrityError:
@@ -204,14 +198,14 @@ class Sweep:
         tried: set[str] = set()
         for settings in self.points(samples=1):
             how = {path: value for path, value in settings.items() if path.partition(".")[0] in ("engine", "actuation")}
-            if how and canonical(how) not in tried:
-                tried.add(canonical(how))
+            if how and plain.canonical(how) not in tried:
+                tried.add(plain.canonical(how))
                 draft = drafted(common).apply(how)
                 draft.make_engine()
                 draft.make_actuation()
 
 
-def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
+def simulate_point(point: dict[str, Any]) -> dict[str, Any] | attempt.WithFiles:
     """The task of a sweep: simulate one point, and return its measures."""
     draft = drafted(point).apply(point["parameters"])
     scene = draft.plant or draft.scene
@@ -223,15 +217,15 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
         on_infeasible=draft.on_infeasible,
         output_interval=draft.output_interval,
     )
-    values = measure(run) | {"doubts": doubts(run, of_the_law=draft.plant is None)}
-    return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
+    values = table.measure(run) | {"doubts": doubts(run, of_the_law=draft.plant is None)}
+    return attempt.WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
 
 
 def drafted(common: Mapping[str, Any]) -> Draft:
     """The experiment of what all points of a sweep share."""
-    know_elements(common.get("elements", {}))
+    known_elements.know_elements(common.get("elements", {}))
     return Draft(
-        scene=scene_of(common["scene"]),
+        scene=known_elements.scene_of(common["scene"]),
         family=common.get("family", ""),
         law_spec=common["law"],
         own_laws=common.get("own_laws", {}),

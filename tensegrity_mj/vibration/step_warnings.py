@@ -14,11 +14,9 @@ from tensegrity_mj.errors import SceneError, StabilityWarning
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration import closed_loop, contact_steps, integrators
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
-from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
-from tensegrity_mj.vibration.contact_steps import check_contact
-from tensegrity_mj.vibration.integrators import is_stable
 from tensegrity_mj.vibration.stable_step import StableStep, solvable, stable_step, step_of
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
@@ -67,7 +65,7 @@ def _before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation)
         # Loads are a user's code: no check stands in the way of a run, which itself reports better what is wrong.
         report, text = {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
     if scene.contact is not None:
-        report["contact"], more = check_contact(scene.contact, scheme, step)
+        report["contact"], more = contact_steps.check_contact(scene.contact, scheme, step)
         text = "; and ".join(part for part in (text, more) if part)
     return report, text
 
@@ -150,9 +148,9 @@ def _checked(
         bound = bounds.stable_step(scheme)
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
-    loop = Loop(scene, bodies, LawAtStates(scene, law) if pure else None, actuation.mode)
+    loop = closed_loop.Loop(scene, bodies, closed_loop.LawAtStates(scene, law) if pure else None, actuation.mode)
     model = loop.at(scene.nodes0, scene.velocities0, None, float(scene.start_time))
-    if not is_stable(model, scheme, step, stepping.constraints):
+    if not integrators.is_stable(model, scheme, step, stepping.constraints):
         found = step_of(model, stepping, float(scene.start_time))
         return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, stepping, step)
     return {"step": step, "checked": True, "exceeded": False}, ""

@@ -26,6 +26,7 @@ FACES = [
     "model",
     "pictures",
     "runs",
+    "simulation",
     "statics",
     "studies",
     "studies.tradeoff",

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import checks, texts, warned
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, number, positive, whole
-from tensegrity_mj.basics.texts import value_text
-from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.jax.integrate import Tolerances
@@ -135,12 +133,12 @@ class JAX:
         Raises:
             SceneError, StructureError, OptionError: as `simulate`.
         """
-        instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+        checks.instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(self, scene)
         controller = law_for(scene, controller)
         if controller is not None and (isinstance(controller, type) or not callable(controller)):
             raise OptionError(
-                f"controller = {value_text(controller)}; use a law, as controllers.from_scene(scene, name)"
+                f"controller = {texts.value_text(controller)}; use a law, as controllers.from_scene(scene, name)"
             )
         found = None
         if times is not None:
@@ -153,7 +151,7 @@ class JAX:
         structure = scene.structure
         damped = np.flatnonzero((structure.damping > 0) & ~structure.curves.constant)
         if len(damped) and self.method is Method.DOPRI8 and self.window is None:
-            warn_caller(
+            warned.warn_caller(
                 f"string '{structure.strings[damped[0]].name}' has a damper: where it comes taut in a run, derivatives "
                 "by DOPRI8 miss its jump; use window=2e-3 [s], or window=0 where no damped string comes taut",
                 DerivativeWarning,
@@ -166,9 +164,9 @@ class JAX:
             raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
         if duration is not None or interval is not None:
             raise OptionError("times: they have duration and output_interval in them; leave these out")
-        found = real_array("times", times, shape_of(times) or (2,), "s", scalar=False)
+        found = checks.real_array("times", times, checks.shape_of(times) or (2,), "s", scalar=False)
         if found.ndim != 1 or len(found) < 2 or found[0] < begin or np.any(np.diff(found) <= 0):
-            raise OptionError(f"times = {value_text(times)}; two or more must rise from {begin:g} s or later")
+            raise OptionError(f"times = {texts.value_text(times)}; two or more must rise from {begin:g} s or later")
         return found
 
     def accelerations(self, request: Request) -> Accelerations:

@@ -40,9 +40,7 @@ from tensegrity_mj.engines.jax.strings import Strings
 from tensegrity_mj.engines.recording import Account, make_trajectory
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
-from tensegrity_mj.model.actuation import Mode, OnInfeasible
-from tensegrity_mj.model.capabilities import require_rest_lengths
-from tensegrity_mj.model.rods import inertia_of_rods
+from tensegrity_mj.model import actuation, capabilities, rods
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.energy import check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -82,7 +80,7 @@ def trajectory_of(
     T, elastic = len(rows.time), rows.elastic_tensions
     energy = np.sum(structure.curves.stored(rows.lengths - rows.rest_lengths, elastic), axis=1)
     winch = np.zeros(T)
-    if request.actuation.mode is Mode.HOLD_REST_LENGTH:
+    if request.actuation.mode is actuation.Mode.HOLD_REST_LENGTH:
         winch = rows.works[:, WINCH]
     elif request.law.own is not None:  # by parts, -∫ T dL0 = Δ(energy) - ∫ T dL
         winch = energy - energy[:1] - rows.works[:, STORED]
@@ -96,7 +94,7 @@ def trajectory_of(
         rows.works[:, [LOST, EXTERNAL]],
         rows.report,
     ]
-    multipliers = rows.rod_force_densities * structure.rod_lengths**2 / inertia_of_rods(structure)[1]
+    multipliers = rows.rod_force_densities * structure.rod_lengths**2 / rods.inertia_of_rods(structure)[1]
     options = {name: getattr(one, "value", one) for name, one in vars(engine).items()}
 
     def made(how: Status, text: str) -> Trajectory:
@@ -138,8 +136,8 @@ class Program:
         scene, self.engine, self.request = request.scene, engine, request
         own, law = request.law.own, None
         if own is not None:
-            require_rest_lengths(scene.structure)
-            if request.on_infeasible is OnInfeasible.PASSIVE:
+            capabilities.require_rest_lengths(scene.structure)
+            if request.on_infeasible is actuation.OnInfeasible.PASSIVE:
                 raise OptionError(
                     "on_infeasible = OnInfeasible.PASSIVE: where a law has no solution, the engine JAX stops: use "
                     "OnInfeasible.STOP, or another engine"

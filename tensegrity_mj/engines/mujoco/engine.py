@@ -18,11 +18,9 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION
 from tensegrity_mj.engines.accuracy.ladder import Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import ACCURACY, check_accuracy, find, fixed_steps
-from tensegrity_mj.engines.mujoco.install import installed
-from tensegrity_mj.engines.mujoco.joints import site_accelerations
+from tensegrity_mj.engines.mujoco import install, joints, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
 from tensegrity_mj.engines.mujoco.prepared import give_back, prepared
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING
 from tensegrity_mj.engines.mujoco.settings import SCHEMES, WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.table import ENGINES
@@ -160,14 +158,14 @@ def node_accelerations(run: MuJoCoRun) -> Accelerations:
             run.plant["held"][:] = rest_lengths
         # The callback counts time in steps: one step of this length.
         run.plant["step"] = time
-        run.counters[:] = [0, 1 if time else 0, 0, -1, RUNNING, 0]
-        with installed(run.plant):
+        run.counters[:] = [0, 1 if time else 0, 0, -1, run_view.RUNNING, 0]
+        with install.installed(run.plant):
             mujoco.mj_forward(model, data)
-        ended, failed = int(run.counters[ENDED]), run.plant["status"]
+        ended, failed = int(run.counters[run_view.ENDED]), run.plant["status"]
         run.plant.raise_if_failed(max(ended, failed, 0), time)
         if ended == NO_SOLUTION:
             raise InfeasibleError(run.plant.infeasible_message(time))
-        return data.site_xpos[sites].copy(), site_accelerations(model, data, sites)
+        return data.site_xpos[sites].copy(), joints.site_accelerations(model, data, sites)
 
     return at
 

@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
-from tensegrity_mj.engines.mujoco import many
+from tensegrity_mj.engines.mujoco import many, mjcf_tree, run_view
 from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.install import installed
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, USERDATA_SIZE
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -84,7 +82,7 @@ class MuJoCoEnsemble:
         Raises:
             StructureError, SceneError, OptionError: as `MuJoCo.model`.
         """
-        return prepared(scene, self.options.timestep, self.options.word, USERDATA_SIZE)
+        return prepared(scene, self.options.timestep, self.options.word, run_view.USERDATA_SIZE)
 
     def give_models(self, ready: Mapping[int, Prepared]) -> None:
         """Have simulations step these models, by their numbers.
@@ -160,9 +158,9 @@ class MuJoCoEnsemble:
     def _judge(self, steps: int) -> None:
         """Stop those that have ended, and those that MuJoCo warned of, that are not finite, or that lost steps."""
         running = self.running
-        running &= self.counters[:, ENDED] == RUNNING
+        running &= self.counters[:, run_view.ENDED] == run_view.RUNNING
         finite = np.isfinite(self.batch.bind("qpos")).all(axis=1) & np.isfinite(self.batch.bind("qvel")).all(axis=1)
-        made = self.counters[:, STEP]
+        made = self.counters[:, run_view.STEP]
         counts = self.batch.warning[:, :, 1]
         for number in np.flatnonzero(running & (counts.any(axis=1) | ~finite | (made != steps))):
             member = self.members[number]
@@ -171,7 +169,7 @@ class MuJoCoEnsemble:
                 running[number] = False
 
 
-def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
+def check_motions(scene: Scene, first: Scene, tree: mjcf_tree.BodyTree) -> None:
     """Raise OptionError where a scene's supports move in ways that the drives of the first scene's model cannot."""
     if scene.motions == first.motions:
         return
@@ -180,7 +178,7 @@ def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
             f"scene '{scene.name}': other supports move than in the first scene, and simulate_many runs one model: use "
             "run_many"
         )
-    own = body_tree(scene)
+    own = mjcf_tree.body_tree(scene)
     pairs = [(one.moved, other.moved) for one, other in zip(own.joints, tree.joints, strict=True)]
     pairs += [(one[1], other[1]) for one, other in zip(own.moved_nodes, tree.moved_nodes, strict=True)]
     for needed, given in pairs:
@@ -204,9 +202,9 @@ def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | No
     if first is None:
         return
     if not np.array_equal(scene.nodes0, first.nodes0):
-        place(data, first, scene.nodes0, scene.velocities0, ready.tree)
+        mjcf_tree.place(data, first, scene.nodes0, scene.velocities0, ready.tree)
     elif not np.array_equal(scene.velocities0, first.velocities0):
-        data.qvel[:] = joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
+        data.qvel[:] = mjcf_tree.joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
 
 
 @contextmanager

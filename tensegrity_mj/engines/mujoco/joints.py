@@ -18,10 +18,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED, controls_for
-from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
-from tensegrity_mj.engines.mujoco.motion import driving_forces
+from tensegrity_mj.engines.mujoco import mjcf, mjcf_bodies, mjcf_tree, motion
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
@@ -32,7 +29,7 @@ REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says 
 class JointForces:
     """Forces in rods and joints, from the recorded states (T, nq + nv) of a run."""
 
-    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> None:
+    def __init__(self, scene: Scene, tree: mjcf_tree.BodyTree, model: mujoco.MjModel, run: Table) -> None:
         """`run`: the table of the run, with its supports."""
         self.scene, self.tree, self.model, self.run = scene, tree, model, run
         structure = scene.structure
@@ -40,7 +37,7 @@ class JointForces:
         answers = structure.constraints or any(one.adds_mass for one in scene.effects)
         self.width = self.state + (3 * len(structure.nodes) if answers else 0)
         self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
-        ends = Names(scene, tree).ends
+        ends = mjcf_bodies.Names(scene, tree).ends
         # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
         self._ends = self._sites[structure.rod_nodes]
         self._gaps = []
@@ -94,7 +91,7 @@ class JointForces:
     ) -> tuple[Array, Array, Array]:
         """Accelerations of the rods' ends (T, R, 2, 3), forces of the closures on their first rods (T, C, 3), gaps."""
         scene, model = self.scene, copying.copy(self.model)
-        model.actuator_forcerange[:, 1] = UNLIMITED  # a run may have left a slack string's limit there
+        model.actuator_forcerange[:, 1] = mjcf.UNLIMITED  # a run may have left a slack string's limit there
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         structure, data = scene.structure, mujoco.MjData(model)
@@ -107,12 +104,12 @@ class JointForces:
                     continue
                 data.qpos[:], data.qvel[:] = np.split(states[row], [model.nq])
                 if scene.motions:
-                    data.qfrc_applied[:] = driving_forces(self.run["driven"], scene, float(time[row]), model.nv)
+                    data.qfrc_applied[:] = motion.driving_forces(self.run["driven"], scene, float(time[row]), model.nv)
                 mujoco.mj_fwdPosition(model, data)
                 mujoco.mj_fwdVelocity(model, data)
                 if len(structure.strings):
                     # The control that makes MuJoCo's tension the recorded one, for any law and for broken strings.
-                    data.ctrl[:] = controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
+                    data.ctrl[:] = mjcf.controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
                 self._apply(data, np.concatenate([loads[row], pushes[row].reshape(-1, 3)]))
                 mujoco.mj_forward(model, data)
                 accelerations[row] = site_accelerations(model, data, self._ends.ravel()).reshape(R, 2, 3)

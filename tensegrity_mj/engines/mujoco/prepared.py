@@ -16,11 +16,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
-from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
-from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
+from tensegrity_mj.engines.mujoco import install, mjcf, mjcf_bodies, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import SNAP, BodyTree, body_tree, joint_coordinates
-from tensegrity_mj.engines.mujoco.run_view import USERDATA_SIZE, bound
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.rods import mass_at_ends
 from tensegrity_mj.model.scene import Scene
@@ -73,7 +70,7 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
     To make the objects of a small model takes as long as hundreds of its steps.
     """
     # No law_in of another thread, whose models have no userdata, takes such a model for its own.
-    found = _known(scene, USERDATA_SIZE)
+    found = _known(scene, run_view.USERDATA_SIZE)
     spare = _spare.pop("last", found)
     if spare.tree is not found.tree or spare.data is None:
         spare = within(replace(found, model=copy.copy(found.model)))
@@ -84,7 +81,7 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
 def within(ready: Prepared, data: mujoco.MjData | None = None) -> Prepared:
     """Return a copy with the table of runs in `data`, by default new data."""
     data = mujoco.MjData(ready.model) if data is None else data
-    return replace(ready, data=data, table=bound(ready.model, data, ready.nodes, ready.slides))
+    return replace(ready, data=data, table=run_view.bound(ready.model, data, ready.nodes, ready.slides))
 
 
 def give_back(ready: Prepared) -> None:
@@ -98,14 +95,14 @@ def _set(ready: Prepared, scene: Scene, timestep: float, integrator: str) -> Pre
     model = ready.model
     model.opt.timestep = timestep
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-    model.eq_solref[:, 0] = CONNECT_STEPS * timestep
-    gains, biases, most = actuator_numbers(scene.structure)
+    model.eq_solref[:, 0] = mjcf.CONNECT_STEPS * timestep
+    gains, biases, most = mjcf.actuator_numbers(scene.structure)
     model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3], model.actuator_forcerange[:, 1] = gains, biases, most
     return ready
 
 
 def _known(scene: Scene, userdata: int) -> Prepared:
-    refuse_other_callbacks()
+    install.refuse_other_callbacks()
     found: Prepared = _remembered.get(scene, userdata, lambda: _of_layout(scene, userdata))
     return found
 
@@ -148,7 +145,7 @@ def _compile(scene: Scene, userdata: int) -> Prepared:
             f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
             f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
         )
-    text = scene_to_mjcf(scene)
+    text = mjcf.scene_to_mjcf(scene)
     try:
         spec = mujoco.MjSpec.from_string(text)
         spec.nuserdata = userdata
@@ -208,13 +205,13 @@ def check_places(scene: Scene, model: mujoco.MjModel, tree: BodyTree | None = No
     sites = np.array([model.site(name).id for name in structure.node_names], int)
     _compare("node", structure.node_names, data.site_xpos[sites], nodes, allowed)
     centers = np.array([frame.placed(nodes)[0] for frame in structure.frames]).reshape(-1, 3)
-    names = tuple(Names(scene, tree).bodies)
+    names = tuple(mjcf_bodies.Names(scene, tree).bodies)
     bodies = np.array([model.body(name).id for name in names], int)
     _compare("center of mass of body", names, data.xipos[bodies], centers, allowed)
     if not structure.rods:
         return
     # Where a rod ends at a node that another rod's body carries, and a constraint joins the two.
-    ends = tuple(Names(scene, tree).ends)
+    ends = tuple(mjcf_bodies.Names(scene, tree).ends)
     joined = np.array([nodes[node] for node, _, _ in tree.forest.closures]).reshape(-1, 3)
     sites = np.array([model.site(name).id for name in ends], int)
     _compare("end", ends, data.site_xpos[sites], joined, allowed)

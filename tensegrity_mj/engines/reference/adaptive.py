@@ -17,8 +17,7 @@ from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, star
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.driving import Stopwatch, output_times, progress
-from tensegrity_mj.engines.recording import allocate_rows
+from tensegrity_mj.engines import driving, recording, reports
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
     WORK,
@@ -33,7 +32,6 @@ from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.marks import marks_of, turn_within
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
-from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.model import rods
 from tensegrity_mj.runs.energy import check_energy
@@ -89,8 +87,8 @@ class ErrorControlled:
         self.longest_step, self.careful_until = math.inf, 0.0  # while a string is about to pull for a moment
         self.continuous = self.plant["mode"] == CONTINUOUS
         self.switches = 0
-        self.times = output_times(run.request)
-        self.rows = allocate_rows(len(self.times) + 1, run.width)  # one more, for where a run stops
+        self.times = driving.output_times(run.request)
+        self.rows = recording.allocate_rows(len(self.times) + 1, run.width)  # one more, for where a run stops
         self.next = 0
 
     def integrate(self) -> Trajectory:
@@ -100,12 +98,12 @@ class ErrorControlled:
             DivergenceError: where the solver cannot go on, or energy comes from nowhere.
         """
         rates(self.t, self.y, np.empty(len(self.y)), self.table)  # compiles
-        self.clock = Stopwatch(self.request)
+        self.clock = driving.Stopwatch(self.request)
         # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
         # the solver steps onto the output times.
         marks = marks_of(self.request, self.times, with_outputs=self.kind is Radau)
         try:
-            with progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
+            with driving.progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
                 self._start()
                 for mark, is_jump, is_sample in marks:
                     while self.t < mark:
@@ -386,7 +384,7 @@ class ErrorControlled:
         reported = self.rows[: self.next, width - REPORT_SIZE : width]
         recorded = reported[:, Report.FEASIBILITY_MARGIN]
         # At a target margins are as large as V is small, and show nothing of later ones.
-        away = ~(reported[:, Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)
+        away = ~(reported[:, Report.LYAPUNOV] <= reports.V_ROUND_OFF) & np.isfinite(recorded)
         if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded[away]), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"
         partial = self.run.finish(

@@ -15,9 +15,7 @@ from tensegrity_mj.engines.accuracy.ladder import ATOL_OF_RTOL, LEAST_TOLERANCE,
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import ACCURACY, FEWEST_STEPS, check_accuracy, find, fixed_steps, round_off
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
-from tensegrity_mj.engines.reference.adaptive import ErrorControlled
-from tensegrity_mj.engines.reference.equations import WORK
-from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference import adaptive, equations, integration
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
@@ -94,18 +92,18 @@ class ReferenceEngine:
 
     def _bytes(self, nq: int) -> int:
         """Bytes of state, stages and matrices for nq coordinates: the same on every run."""
-        size = 2 * nq + WORK
+        size = 2 * nq + equations.WORK
         if self.method is Method.RK4:
             return DOUBLE * RK4_VECTORS * size
         if self.method is Method.DOP853:
             return DOUBLE * DOP853_VECTORS * size
         return DOUBLE * (RADAU_VECTORS * size + RADAU_MATRICES * size**2)
 
-    def prepared(self, request: Request) -> IntegratedRun:
+    def prepared(self, request: Request) -> integration.IntegratedRun:
         """A run that is ready to start: for those who want its right-hand side rather than a trajectory."""
         raise NotImplementedError
 
-    def _node_accelerations(self, run: IntegratedRun, accelerations: Array) -> Array:
+    def _node_accelerations(self, run: integration.IntegratedRun, accelerations: Array) -> Array:
         """Node accelerations (N, 3) [m/s²] of q̈ (nq,) at the run's state."""
         found: Array = run.records.node_accelerations(accelerations)
         return found
@@ -130,9 +128,9 @@ class ReferenceEngine:
         return run_accurately(self.accuracy, request, plain, lambda options, made: integrate(options.prepared(made)))
 
 
-def integrate(run: IntegratedRun) -> Trajectory:
+def integrate(run: integration.IntegratedRun) -> Trajectory:
     """The whole run: fixed steps of RK4, or a method that controls its error."""
-    return run.fixed_steps() if run.options.method is Method.RK4 else ErrorControlled(run).integrate()
+    return run.fixed_steps() if run.options.method is Method.RK4 else adaptive.ErrorControlled(run).integrate()
 
 
 GROWTH = {Method.DOP853: 1 / 8, Method.RADAU: 1 / 5}  # of the cost, in powers of 1 / tolerance

@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco import engine, mjcf, mjcf_tree, settings
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.learning.dm_control.readings import pushed_nodes
 from tensegrity_mj.model.scene import Scene
@@ -30,7 +27,7 @@ if TYPE_CHECKING:
 def physics(
     scene: Scene,
     timestep: float = 1e-3,
-    integrator: Integrator = Integrator.RK4,
+    integrator: settings.Integrator = settings.Integrator.RK4,
     command: Command = Command.REST_LENGTH,
 ) -> ScenePhysics:
     """A dm_control `Physics` of a scene, at the scene's start.
@@ -48,7 +45,7 @@ def physics(
         StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
         SceneError: for supports that move, and for water that adds mass to rods.
     """
-    options = MuJoCo(timestep, integrator)
+    options = engine.MuJoCo(timestep, integrator)
     member("command", command, Command)
     options.model(scene)  # for its errors: dm_control's would not say what to do
     from tensegrity_mj.learning.dm_control.repairing import repair
@@ -59,7 +56,7 @@ def physics(
     return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
 
 
-def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
+def model(scene: Scene, command: Command, options: engine.MuJoCo) -> ET.Element:
     """The MJCF of a scene for the given command, forces on nodes included; actuators of strings come first.
 
     Raises:
@@ -67,7 +64,7 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
         SceneError: where supports move, or something adds mass to rods, as water does.
     """
     require(None, scene, "dm_control models")
-    root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
+    root = ET.fromstring(mjcf.scene_to_mjcf(scene, options.timestep, options.word))
     if command is Command.FORCE_DENSITY:
         for actuator, string in zip(root.iterfind("actuator/general"), scene.structure.strings, strict=True):
             actuator.set("gaintype", "affine")
@@ -77,7 +74,7 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
     if nodes:
         world = root.find("worldbody")
         assert world is not None
-        (axes,) = distinct(["load axes"], set(scene.structure.node_names))
+        (axes,) = mjcf_tree.distinct(["load axes"], set(scene.structure.node_names))
         ET.SubElement(world, "site", name=axes, pos="0 0 0", size="1e-6", rgba="0 0 0 0")
         actuators = root.find("actuator")
         if actuators is None:
@@ -85,7 +82,7 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
         gears = {"x": "1 0 0 0 0 0", "y": "0 1 0 0 0 0", "z": "0 0 1 0 0 0"}
         pushes = [(node, letter) for node in nodes for letter in gears]
         taken = {string.name for string in scene.structure.strings}
-        names = distinct((f"load on {node} {letter}" for node, letter in pushes), taken)
+        names = mjcf_tree.distinct((f"load on {node} {letter}" for node, letter in pushes), taken)
         for name, (node, letter) in zip(names, pushes, strict=True):
             ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gears[letter])
     return root

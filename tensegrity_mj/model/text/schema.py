@@ -17,16 +17,14 @@ from attrs import NOTHING
 
 from tensegrity_mj.basics.fields import Key, item_of, kind_of, registered
 from tensegrity_mj.basics.kinds import NUMBER, TEXT, list_schema, positive, vector
+from tensegrity_mj.model import ground, section, whole
 from tensegrity_mj.model.elements.element import Element
-from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text import keys as known
 from tensegrity_mj.model.text.structures import SHARED, SHARING
-from tensegrity_mj.model.whole import Whole
 
 BY_NUMBER = {"waypoints": known.WAYPOINT_KEYS, "shapes": known.SHAPE_KEYS}
 NODES = {"type": "object", "additionalProperties": dict(vector("m").schema), "description": "node = [x, y, z]"}
@@ -40,8 +38,8 @@ def format_schema() -> dict[str, Any]:
     structure["defaults"] = _table({kind: _table(keys) for kind, keys in shared.items()})
     structure["groups"] = {"type": "object", "additionalProperties": _table(shared["rods"] | shared["strings"])}
     scene = _keys(Scene, parts, [key for key in known.SCENE_KEYS if not key.startswith("initial_")])
-    scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(Whole, parts)}
-    scene["ground"] = _table({"file": TEXT} | _keys(Ground, parts, known.GROUND_KEYS), ["file"])
+    scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(whole.Whole, parts)}
+    scene["ground"] = _table({"file": TEXT} | _keys(ground.Ground, parts, known.GROUND_KEYS), ["file"])
     file = {
         "format": {"enum": [known.FORMAT]},
         "name": TEXT,
@@ -94,7 +92,7 @@ def _part(cls: type, parts: dict[str, Any]) -> dict[str, Any]:
         kinds = list(known.SUPPORT_KEYS) if cls is Support else [kind_of(cls)]
         if any(kinds):
             keys, needed = {"kind": {"enum": kinds}} | keys, ["kind", *needed]
-        if cls is Section:
+        if cls is section.Section:
             keys, needed = {key: dict(positive().schema) for key in known.TUBE_KEYS} | keys, ["elasticity_modulus"]
         parts[cls.__name__] = _table(keys, needed)
     return {"$ref": f"#/definitions/{cls.__name__}"}

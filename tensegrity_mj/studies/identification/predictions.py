@@ -21,11 +21,9 @@ from tensegrity_mj.runs.comparison import resampled
 from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
+from tensegrity_mj.studies import nominal, parameter_values, scene_parameters
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.unknowns import Unknowns
-from tensegrity_mj.studies.nominal import NominalWinches
-from tensegrity_mj.studies.parameter_values import parts_of
-from tensegrity_mj.studies.scene_parameters import MEMBERS
 from tensegrity_mj.studies.store import Store
 
 STEP = 1e-4  # of a parameter's size: differences are wrong by 1e-8 by their step, and by 1e-6 where runs are by 1e-10
@@ -36,7 +34,7 @@ DIFFERENTIATED = {
     "rods": ("mass", "stiffness", "damping"),
     "point_masses": ("mass",),
 }
-CONSTANT = (*MEMBERS, "nodes", "string_law", "duration")  # of which it has nothing else
+CONSTANT = (*scene_parameters.MEMBERS, "nodes", "string_law", "duration")  # of which it has nothing else
 NOT_DIFFERENTIATED = "JAX has no derivative by it; use another engine, as MuJoCo()"
 
 
@@ -63,7 +61,7 @@ class Predictions:
         draft = self.unknowns.at(values)
         if draft.plant is None or self.law is None:
             return draft.plant or draft.scene, self.law
-        return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
+        return draft.plant, nominal.NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
 
     def predict(self, values: Array) -> Array:
         """Simulate once, and return the predicted measurements.
@@ -169,7 +167,7 @@ class Differentiated(Predictions):
         else:
             options["times"] = np.union1d(0.0, observation.times)  # of which one that is measured, and alone, is none
         for path in unknowns.paths:
-            parts = parts_of(path.partition(".")[2], path)
+            parts = parameter_values.parts_of(path.partition(".")[2], path)
             kind, last = parts[0].partition("[")[0], parts[-1]
             if last not in DIFFERENTIATED.get(kind, () if kind in CONSTANT else (last,)):
                 raise OptionError(f"{path}: {NOT_DIFFERENTIATED}")

@@ -20,10 +20,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
-from tensegrity_mj.runs.convergence import way_of
-from tensegrity_mj.runs.judgement import doubts
+from tensegrity_mj.runs import convergence, judgement, variables
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, stays
 from tensegrity_mj.studies.tradeoff.settings import DOP853_STAGES, grid_of_steps, most_evaluations
@@ -132,7 +130,7 @@ def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[s
         timing["wall_time"] = float(run.cost["wall_time"])
     if motion is not None and run is not None:
         # Counted, as peaks depend on the allocator and on what ran before: what is recorded, and what the engine holds.
-        recorded = sum(int(getattr(run, name).nbytes) for name in VARIABLES)
+        recorded = sum(int(getattr(run, name).nbytes) for name in variables.VARIABLES)
         values["memory"] = recorded + engine.working_bytes(run.scene)
         if reference is not None:
             distance = motion.distance(reference)
@@ -284,11 +282,11 @@ def _facts(
         "own_error": max((one["difference"] for one in apart.values()), default=None),
         "looser": apart.get("looser"),
         "second_formulation": apart.get("second_formulation"),
-        "motion": None if run is None else way_of(run.nodes),
+        "motion": None if run is None else convergence.way_of(run.nodes),
         # At how many of the recorded times; None for a scene without contact.
         "touches": touches,
         "reason": reason,
-        "doubts": [] if run is None else doubts(run),
+        "doubts": [] if run is None else judgement.doubts(run),
         "tried": tried,
         "fastest": fastest,
     }
