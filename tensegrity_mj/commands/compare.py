@@ -13,19 +13,7 @@ from tensegrity_mj import pictures, runs
 from tensegrity_mj.basics.files import checked
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import (
-    ExitCode,
-    Outcome,
-    code_of_status,
-    for_paper,
-    number,
-    positive,
-    refuse,
-    table,
-    warn,
-    warn_of_findings,
-)
+from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
@@ -47,10 +35,10 @@ def tolerance(text: str) -> tuple[str, float]:
     unit, equals, number_ = text.rpartition("=")
     if equals and unit not in UNITS:
         raise argparse.ArgumentTypeError(f"{text!r}: write UNIT=NUMBER, with a unit among {', '.join(UNITS)}")
-    return unit, positive(number_)
+    return unit, common.positive(number_)
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> common.Outcome:
     """Simulate twice, or read two files, and compare; or score tables."""
     if options.score:
         return _scored(options)
@@ -60,12 +48,12 @@ def execute(options: argparse.Namespace) -> Outcome:
         if not (isinstance(first, runs.Trajectory) and isinstance(second, runs.Trajectory)):
             return _with_table(first, second, options, plot)
         files: dict[str, Path] = {}
-        code = ExitCode.SUCCESS
+        code = common.ExitCode.SUCCESS
     elif len(options.inputs) == 1:
         names = _engines(options)
         files = _outputs(options.out, names)
         first, second = _simulate(options, names)
-        code = max(code_of_status(first.status), code_of_status(second.status))
+        code = max(common.code_of_status(first.status), common.code_of_status(second.status))
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc or .csv files")
 
@@ -73,7 +61,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
-            warn(f"{run.engine}: {run.reports['accuracy'].get('reason', 'its accuracy was not met')}")
+            common.warn(f"{run.engine}: {run.reports['accuracy'].get('reason', 'its accuracy was not met')}")
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:
@@ -87,11 +75,11 @@ def execute(options: argparse.Namespace) -> Outcome:
         numbers["tolerances"] = {name: comparison.tolerance_of(name) for name in comparison.NAMES}
         judgement = judgement_of_runs([first, second], comparison)
         if plot:
-            with for_paper(options.paper):
+            with common.for_paper(options.paper):
                 pictures.plots.plot_comparison(comparison, plot, runs=[first, second])
-    warn_of_findings(judgement, simulated=len(options.inputs) == 1)
+    common.warn_of_findings(judgement, simulated=len(options.inputs) == 1)
     # Comparing two files succeeds even if their runs ended early: first_status and second_status say how they ended.
-    worst = max((first, second), key=lambda run: code_of_status(run.status))
+    worst = max((first, second), key=lambda run: common.code_of_status(run.status))
     data = {
         "status": worst.status if code else runs.Status.COMPLETED,
         "message": worst.message,
@@ -108,7 +96,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "out": files,
         "plot": plot,
     }
-    return Outcome(data, describe(data), code, judgement=judgement, warned=True)
+    return common.Outcome(data, describe(data), code, judgement=judgement, warned=True)
 
 
 def describe(data: dict[str, Any]) -> str:
@@ -120,12 +108,12 @@ def describe(data: dict[str, Any]) -> str:
     ]
     rows += [_difference(data, name) for name in WORDS if data[name] is not None]
     rows += [
-        (f"node error of the {name}, estimated", number(error, "m"))
+        (f"node error of the {name}, estimated", common.number(error, "m"))
         for name in ("first", "second")
         if not math.isnan(error := data[f"{name}_error_estimate"])
     ]
     rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
-    return table(rows)
+    return common.table(rows)
 
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
@@ -140,21 +128,23 @@ def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comp
     return runs.compare(first, second, **general, tolerances=given)
 
 
-def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> Outcome:
+def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> common.Outcome:
     """Compare a run with a table of another program."""
     from tensegrity_mj.pictures.findings import Judgement
     from tensegrity_mj.pictures.page import within
 
     found = _compared(first, second, options)
     if plot:
-        with for_paper(options.paper):
+        with common.for_paper(options.paper):
             pictures.plots.plot_comparison(found, plot)
     if found.missing_nodes:
-        warn(f"nodes of the run that the table does not have: {', '.join(found.missing_nodes)}")
+        common.warn(f"nodes of the run that the table does not have: {', '.join(found.missing_nodes)}")
     for node in found.unknown_nodes:
-        warn(f"the table's '{node}' is no node of the run{closest(node, [*found.by_node, *found.missing_nodes])}")
+        common.warn(
+            f"the table's '{node}' is no node of the run{closest(node, [*found.by_node, *found.missing_nodes])}"
+        )
     if found.times_outside:
-        warn(f"{found.times_outside} times of the table are not within the run")
+        common.warn(f"{found.times_outside} times of the table are not within the run")
     numbers = found.to_dict() | {"tolerances": {name: found.tolerance_of(name) for name in found.compared}}
     data = {"status": "ok", "message": "", "first": found.first, "second": found.second, **numbers, "plot": plot}
     rows = [("first", found.first), ("second", found.second)]
@@ -165,12 +155,12 @@ def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path
         rows.append(("  of it by interpolation, estimated", quantity(error, WORDS[name][1], 4)))
     rows += [(f"largest at {node}", quantity(error, "m", 4)) for node, error in found.by_node.items()]
     rows += [("written", str(plot))] if plot else []
-    return Outcome(data, table(rows), judgement=Judgement("", within(found)), warned=True)
+    return common.Outcome(data, common.table(rows), judgement=Judgement("", within(found)), warned=True)
 
 
-def _scored(options: argparse.Namespace) -> Outcome:
+def _scored(options: argparse.Namespace) -> common.Outcome:
     """Score tables against the reference of a scene, the largest step first."""
-    refuse(options, (*OF_SIMULATIONS, "tolerance", "out", "plot", "paper"), "means nothing with --score")
+    common.refuse(options, (*OF_SIMULATIONS, "tolerance", "out", "plot", "paper"), "means nothing with --score")
     scene, *paths = options.inputs
     given = options.steps or [None] * len(paths)
     if not paths or len(given) != len(paths):
@@ -197,8 +187,8 @@ def _scored(options: argparse.Namespace) -> Outcome:
     if limit:
         data["limit"] = {"order": limit.order, "error": limit.error, "judged": limit.judged, "verdict": limit.verdict}
     bad = {"wrong", "undecided"} & set(judged)
-    text = "\n\n".join(["\n".join(sentences), table(rows)])
-    return Outcome(data, text, ExitCode.WRONG if bad else ExitCode.SUCCESS)
+    text = "\n\n".join(["\n".join(sentences), common.table(rows)])
+    return common.Outcome(data, text, common.ExitCode.WRONG if bad else common.ExitCode.SUCCESS)
 
 
 def _engines(options: argparse.Namespace) -> tuple[str, str]:
@@ -246,8 +236,8 @@ def _read(options: argparse.Namespace) -> tuple[Run, Run]:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two files, not {len(options.inputs)}")
     if len({Path(path).resolve() for path in options.inputs}) == 1:
         raise OptionError(f"compare {' '.join(options.inputs)}: a run compared with itself shows nothing; give two")
-    refuse(options, OF_SIMULATIONS, "belongs to a simulation; two files are only read")
-    refuse(options, ("out",), "writes simulated runs; two files are only read")
+    common.refuse(options, OF_SIMULATIONS, "belongs to a simulation; two files are only read")
+    common.refuse(options, ("out",), "writes simulated runs; two files are only read")
     first, second = (runs.read_table(path) if is_table(path) else runs.Trajectory.load(path) for path in options.inputs)
     return first, second
 

@@ -10,33 +10,23 @@ from typing import Any, cast
 import tensegrity_mj.library as library
 from tensegrity_mj import model, pictures, runs
 from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import (
-    Outcome,
-    code_of_status,
-    distinct,
-    for_paper,
-    number,
-    refuse,
-    table,
-    warn,
-    warn_of_findings,
-)
+from tensegrity_mj.commands import common, experiment
+from tensegrity_mj.commands.common import table
 from tensegrity_mj.commands.render import FILM_OPTIONS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> common.Outcome:
     """Check all options first; then simulate, and write what they name."""
     out, video, plot, web = options.out, options.video, options.plot, options.web
     if video is None:
         shown = ("speed", "thickness") if options.view else ()  # the window has these, too
-        refuse(options, [name for name in FILM_OPTIONS if name not in shown], "needs --video FILE.mp4")
+        common.refuse(options, [name for name in FILM_OPTIONS if name not in shown], "needs --video FILE.mp4")
     since = Path(options.from_.rpartition("@")[0] or options.from_) if options.from_ else None
-    distinct({"--replay": Path(options.replay) if options.replay else None, "--from": since, "--out": out})
+    common.distinct({"--replay": Path(options.replay) if options.replay else None, "--from": since, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     if options.replay is not None:
-        refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
+        common.refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
     experiment.check_control(options)
     if video:
         experiment.require_off_screen_opengl()
@@ -77,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if not len(run.time):  # it diverged where it began: there is nothing to draw
         video = plot = web = None
     if plot:
-        with for_paper(options.paper):
+        with common.for_paper(options.paper):
             pictures.plots.plot_run(run, plot)
     if video:
         from tensegrity_mj.pictures.video import render
@@ -90,17 +80,17 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.pictures.page import judgement_of_runs
 
     judgement = judgement_of_runs([run])
-    warn_of_findings(judgement, simulated=True)
+    common.warn_of_findings(judgement, simulated=True)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     text = describe(data)
     if after is not None and (run.time >= after).sum() < 2:
-        warn(f"--statistics {after:g}: the run ended at {begin + data['duration']:g} s: there are none")
+        common.warn(f"--statistics {after:g}: the run ended at {begin + data['duration']:g} s: there are none")
         data["statistics"] = None
     elif after is not None:
         found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
         data["statistics"] = {"after": after, **{name: one.report() for name, one in found.items()}}
         text = "\n\n".join([text, *(repr(one) for one in found.values() if one.names)])
-    return Outcome(data, text, code_of_status(run.status), judgement=judgement, warned=True)
+    return common.Outcome(data, text, common.code_of_status(run.status), judgement=judgement, warned=True)
 
 
 def summary(run: runs.Trajectory) -> dict[str, Any]:
@@ -124,16 +114,16 @@ def describe(data: dict[str, Any]) -> str:
     rows = [
         ("status", data["status"] + (f": {data['message']}" if data["message"] else "")),
         ("engine", data["engine"]),
-        ("simulated time", number(data["duration"], "s")),
-        ("distance to the target at the end", number(data["final_error"], "m")),
-        ("largest force density", number(data["max_force_density"], "N/m")),
-        ("smallest feasibility margin", number(data["min_feasibility_margin"])),
-        ("energy residual", number(data["energy_residual"], "J")),
+        ("simulated time", common.number(data["duration"], "s")),
+        ("distance to the target at the end", common.number(data["final_error"], "m")),
+        ("largest force density", common.number(data["max_force_density"], "N/m")),
+        ("smallest feasibility margin", common.number(data["min_feasibility_margin"])),
+        ("energy residual", common.number(data["energy_residual"], "J")),
         *([("largest node error, estimated", _error(data))] if "accuracy" in data["reports"] else []),
         *([("forces not unique", ", ".join(loose))] if (loose := data["reports"].get("undetermined_forces")) else []),
         *([("left out", left)] if (left := data["reports"].get("left_out")) else []),
         *(_flow(water) if (water := data["reports"].get("water")) else []),
-        ("real-time factor", number(data["real_time_factor"])),
+        ("real-time factor", common.number(data["real_time_factor"])),
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot", "web") if data[name]]
     return table(rows)
@@ -165,7 +155,7 @@ def _error(data: dict[str, Any]) -> str:
     """The estimate of an accuracy, with whether it can be relied on."""
     found = data["reports"]["accuracy"]
     doubt = "" if found["settled"] else ", not settled"
-    return f"{number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m requested)"
+    return f"{common.number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m requested)"
 
 
 def _flow(found: dict[str, Any]) -> list[tuple[str, str]]:

@@ -14,44 +14,32 @@ from typing import Any
 
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError, StructureError
-from tensegrity_mj.model.capabilities import (
-    ADDED_MASS,
-    BODIES,
-    CLASS_K,
-    CLOSED_LOOPS,
-    CONSTRAINTS,
-    CONTACT,
-    ELASTIC,
-    ELASTIC_HELD_BETWEEN,
-    ELEMENT_STATES,
-    FUNCTION_LOADS,
-    FUNCTION_MOTIONS,
-    NO_ARRAYS,
-    UNEVEN_MASS,
-    YIELDING,
-    Descriptor,
-    Limit,
-)
+from tensegrity_mj.model import capabilities as has
+from tensegrity_mj.model.capabilities import Descriptor, Limit
 
 _WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
 _OWN_NODES = "give each rod nodes of its own"
-_NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
+_NO_CONTACT = Limit(has.CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
 _ROWS = "hold nodes by supports and planes of rods"
 _RIGID = "make the rods rigid (without stiffness)"
 _ELASTIC_ADDED_MASS = Limit(
-    ELASTIC & ADDED_MASS, "added mass is that of rods of constant length", f"leave one of the two out, or {_RIGID}"
+    has.ELASTIC & has.ADDED_MASS,
+    "added mass is that of rods of constant length",
+    f"leave one of the two out, or {_RIGID}",
 )
 # Of any model that MuJoCo has of a scene.
 ELASTIC_LIMITS = (
-    Limit(ELASTIC & CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"),
     Limit(
-        ELASTIC & CLASS_K,
+        has.ELASTIC & has.CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"
+    ),
+    Limit(
+        has.ELASTIC & has.CLASS_K,
         "bodies that share a node form a tree, and an elastic rod in it would need a second node that moves by itself",
         f"{_OWN_NODES}, or {_RIGID}",
         StructureError,
     ),
     Limit(
-        ELASTIC_HELD_BETWEEN,
+        has.ELASTIC_HELD_BETWEEN,
         "its bodies slide along the rod, starting at one end",
         f"hold it at an end (sigma = 0 or 1), or {_RIGID}",
         StructureError,
@@ -65,20 +53,20 @@ ENGINES = {
         "tensegrity_mj.engines.mujoco.engine:MuJoCo",
         shares_model=True,
         limits=(
-            Limit(BODIES & CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
+            Limit(has.BODIES & has.CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
             Limit(
-                CONSTRAINTS & CONTACT,
+                has.CONSTRAINTS & has.CONTACT,
                 "forces of constraints are found before those of contact are known",
                 f"{_WITHOUT_CONTACT}, or hold nodes by supports",
             ),
             Limit(
-                CONSTRAINTS & CLOSED_LOOPS,
+                has.CONSTRAINTS & has.CLOSED_LOOPS,
                 "forces of constraints are found before those of joints that close loops are known",
                 "open the loop, or simulate it with the DAE",
                 StructureError,
             ),
             Limit(
-                CONSTRAINTS,
+                has.CONSTRAINTS,
                 "their forces are found for the accelerations of the step's start, and this integrator does not step "
                 "with those",
                 "use Integrator.RK4 or EULER",
@@ -88,18 +76,18 @@ ENGINES = {
             *ELASTIC_LIMITS,
             _ELASTIC_ADDED_MASS,
             Limit(
-                ADDED_MASS & CONTACT,
+                has.ADDED_MASS & has.CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",
                 "leave one of the two out, with scene.with_(contact=None) or scene.with_(water=None)",
             ),
             Limit(
-                ADDED_MASS & CLOSED_LOOPS,
+                has.ADDED_MASS & has.CLOSED_LOOPS,
                 "accelerations of added mass are found before the forces of joints that close loops are known",
                 "open the loop",
                 StructureError,
             ),
             Limit(
-                ADDED_MASS,
+                has.ADDED_MASS,
                 "its force is found for the accelerations of the step's start, and this integrator does not step with "
                 "those",
                 "use Integrator.RK4 or EULER",
@@ -107,7 +95,7 @@ ENGINES = {
                 lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
             ),
             Limit(
-                CONTACT,
+                has.CONTACT,
                 "its forces jump at other instants than those of strings",
                 "leave one of the two out (scene.with_(contact=None))",
                 OptionError,
@@ -123,7 +111,7 @@ ENGINES = {
             _NO_CONTACT,
             _ELASTIC_ADDED_MASS,
             Limit(
-                UNEVEN_MASS & CLASS_K,
+                has.UNEVEN_MASS & has.CLASS_K,
                 "Weights.HERMITE shares loads otherwise than velocities, and forces of joints are found from symmetric "
                 "equations",
                 "use Solver.FULL, or Weights.RIGID",
@@ -138,21 +126,21 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
-            Limit(ELASTIC, "its angles are those of rods of constant length", _RIGID, StructureError),
+            Limit(has.ELASTIC, "its angles are those of rods of constant length", _RIGID, StructureError),
             Limit(
-                CONSTRAINTS,
+                has.CONSTRAINTS,
                 "minimal coordinates are those that rods have by their own supports; linear constraints couple them",
                 _ROWS,
                 StructureError,
             ),
             Limit(
-                BODIES,
+                has.BODIES,
                 "minimal coordinates are angles of rods, and those of a body have poles of their own",
                 "leave the body out",
                 StructureError,
             ),
             Limit(
-                CLASS_K,
+                has.CLASS_K,
                 "the angles of minimal coordinates are those of rods that hang on no other, of class 1",
                 _OWN_NODES,
                 StructureError,
@@ -164,12 +152,16 @@ ENGINES = {
         "tensegrity_mj.engines.jax.engine:JAX",
         {"method": "rk4"},
         (
-            Limit(CONTACT, "no array function states its forces", _WITHOUT_CONTACT, OptionError),
-            Limit(NO_ARRAYS, "it acts by functions of arrays, which JAX compiles and differentiates", "leave it out"),
-            Limit(ELEMENT_STATES, "array functions are of positions, velocities and time alone", "leave it out"),
-            Limit(FUNCTION_LOADS, "JAX cannot look into a Python function", "give them as `Load`s, or as an element"),
-            Limit(FUNCTION_MOTIONS, "JAX cannot look into a Python function", "give it as harmonics or data"),
-            Limit(YIELDING, "its memory is that of steps, and no function of the state", "leave yields out"),
+            Limit(has.CONTACT, "no array function states its forces", _WITHOUT_CONTACT, OptionError),
+            Limit(
+                has.NO_ARRAYS, "it acts by functions of arrays, which JAX compiles and differentiates", "leave it out"
+            ),
+            Limit(has.ELEMENT_STATES, "array functions are of positions, velocities and time alone", "leave it out"),
+            Limit(
+                has.FUNCTION_LOADS, "JAX cannot look into a Python function", "give them as `Load`s, or as an element"
+            ),
+            Limit(has.FUNCTION_MOTIONS, "JAX cannot look into a Python function", "give it as harmonics or data"),
+            Limit(has.YIELDING, "its memory is that of steps, and no function of the state", "leave yields out"),
         ),
         shares_model=True,
         extra="jax",

@@ -15,16 +15,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
-from tensegrity_mj.runs.convergence import (
-    SAFETY,
-    Estimate,
-    common_times,
-    has_kinks,
-    highest_order,
-    judge,
-    judge_tolerances,
-    node_difference,
-)
+from tensegrity_mj.runs import convergence
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 HALF = 2.0  # of steps, from rung to rung
@@ -147,7 +138,7 @@ class Ladder:
             if len(self.rungs) >= FAILURES and not any(one.run for one in self.rungs[-FAILURES:]):
                 self.dead = f"{FAILURES} runs in a row failed, the last: {rung.failure}"
             return
-        self.highest = self.order if self.located else highest_order(rung.run, self.order)
+        self.highest = self.order if self.located else convergence.highest_order(rung.run, self.order)
         self.highest = self.highest if self.aligned else min(self.highest, 2)
         self.longest = min(self.longest, self.resolving(rung.run))
         if last is not None:
@@ -167,7 +158,7 @@ class Ladder:
         return not self.order or self.good[-1].setting <= self.longest * (1 + AS_ONE)
 
     @property
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> convergence.Estimate | None:
         """Estimate of the last run's error from all runs; None before there are two."""
         if not self.differences:
             return None
@@ -175,16 +166,18 @@ class Ladder:
         assert last is not None
         first = self._first_step_error
         if first > found.value:
-            found = Estimate(first, found.settled, f"the first step alone is wrong by {first:.2g} m; {found.reason}")
+            found = convergence.Estimate(
+                first, found.settled, f"the first step alone is wrong by {first:.2g} m; {found.reason}"
+            )
         if not self.resolved:
             reason = (
                 f"the step of {self.good[-1].setting:.3g} s is too long for the fastest motion that is possible, which "
                 f"takes one of {self.longest:.3g} s"
             )
-            return Estimate(found.value, False, f"{reason}; {found.reason}")
+            return convergence.Estimate(found.value, False, f"{reason}; {found.reason}")
         if last.status is not Status.COMPLETED:
             reason = f"the run stops at t = {last.time[-1]:.6g} s ({last.message})"
-            return Estimate(found.value, False, f"{reason}; before, {found.reason}")
+            return convergence.Estimate(found.value, False, f"{reason}; before, {found.reason}")
         return found
 
     @property
@@ -196,20 +189,20 @@ class Ladder:
     def _first_step_error(self) -> float:
         last = self.good[-1].run
         assert last is not None
-        return SAFETY * float(last.reports.get(FIRST_STEP, 0.0))
+        return convergence.SAFETY * float(last.reports.get(FIRST_STEP, 0.0))
 
-    def _judged(self) -> Estimate:
+    def _judged(self) -> convergence.Estimate:
         """Estimate of the last run's error from the differences, until it stopped."""
         last, good = self.good[-1].run, self.good[-3:]
         assert last is not None
         if not self.order:
             tolerance = good[-1].setting * float(np.max(np.abs(last.nodes), initial=0.0))
-            return judge_tolerances(self.differences[-2:], self.floor, tolerance)
+            return convergence.judge_tolerances(self.differences[-2:], self.floor, tolerance)
         # An order is that of runs which all have one.
         if len(good) > 2 and good[0].setting > HALF * self.longest * (1 + AS_ONE):
             good = good[1:]
-        steps, kinks = [rung.setting for rung in good], has_kinks(last) or not self.aligned
-        return judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, kinks)
+        steps, kinks = [rung.setting for rung in good], convergence.has_kinks(last) or not self.aligned
+        return convergence.judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, kinks)
 
     def next(self) -> tuple[float, float]:
         """The next setting, and what its run may cost [evaluations]."""
@@ -228,7 +221,7 @@ class Ladder:
 def difference(a: Trajectory, b: Trajectory) -> float:
     """Largest node distance [m]; of two runs that both stopped for the same reason, until the first of them stopped."""
     if a.status is b.status and a.status is not Status.COMPLETED and len(a.time) > 1 and len(b.time) > 1:
-        first, second = common_times(a.time[:-1], b.time[:-1])  # the last sample is where each stopped
+        first, second = convergence.common_times(a.time[:-1], b.time[:-1])  # the last sample is where each stopped
         largest = float(np.max(np.linalg.norm(a.nodes[first] - b.nodes[second], axis=-1), initial=0.0))
         return largest if math.isfinite(largest) else math.inf
-    return node_difference(a, b)
+    return convergence.node_difference(a, b)

@@ -19,17 +19,8 @@ from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.plain import value_at
-from tensegrity_mj.studies.validation.judging import (
-    CONVERGED,
-    NO_MEASURE,
-    OUTCOMES,
-    REACHED,
-    UNKNOWN,
-    Data,
-    judged,
-    sampled,
-    word_of,
-)
+from tensegrity_mj.studies.validation import judging
+from tensegrity_mj.studies.validation.judging import OUTCOMES, Data
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
 from tensegrity_mj.studies.validation.sentences import summary, title
 
@@ -61,7 +52,7 @@ def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> D
                 part["trends"] = trends(rows)
             elif section == "starts":
                 part["fractions"] = _fractions(rows)
-            found[section][engine] = part | {"word": word_of(section, part, beside)}
+            found[section][engine] = part | {"word": judging.word_of(section, part, beside)}
     if "starts" in found and len(setup.engines) > 1:
         found["starts_that_differ"] = _differing(found["starts"])
     sentences = summary(setup, found)
@@ -75,7 +66,7 @@ def row(
 ) -> Data:
     """One run in a table: what it was, how it ended, what it is judged by, and its main numbers."""
     values = _values(outcome)
-    ended, verdict = judged(values, tolerance, setup.duration, nominal)
+    ended, verdict = judging.judged(values, tolerance, setup.duration, nominal)
     base: Data = {"label": case.label, **case.facts, "outcome": ended, "judgement": asdict(verdict)}
     return base | {"end_time": values["end_time"], "message": values["message"], **_numbers(values)}
 
@@ -97,7 +88,7 @@ def _numbers(values: Mapping[str, Any]) -> Data:
 def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
     """Distance from the target [m] that counts as there: 5 % of the way, or twice what a nominal run has left, if that
     has come so near itself."""
-    near = CONVERGED * way(setup.scene, setup.duration)
+    near = judging.CONVERGED * way(setup.scene, setup.duration)
     finals = [
         one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")
     ]
@@ -121,7 +112,7 @@ def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: 
         values = dict(_values(outcome))
         kept[engine] = values.pop("kept", None)
         series = {key: item for key, item in (kept[engine] or {}).items() if key != "nodes"}
-        ended, _ = judged(values, tolerance, setup.duration)
+        ended, _ = judging.judged(values, tolerance, setup.duration)
         found[engine] = {"outcome": ended, **values} | ({} if ended == "failed" else {"series": series})
     engines = [engine for engine in found if kept.get(engine)]
     differences = [
@@ -131,7 +122,7 @@ def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: 
     ]
     for engine, one in found.items():
         others = _disagreements(engine, found, differences, tolerance)
-        one["judgement"] = asdict(judged(one, tolerance, setup.duration, None, others)[1])
+        one["judgement"] = asdict(judging.judged(one, tolerance, setup.duration, None, others)[1])
     return {"engines": found, "differences": differences}
 
 
@@ -139,7 +130,9 @@ def _disagreements(engine: str, found: Data, differences: Sequence[Data], tolera
     """Other engines in which the nominal run ends in another way, or farther away than what counts as there."""
     own = found[engine]["outcome"]
     others = [
-        f"{title(name)}: {one['outcome']}" for name, one in found.items() if one["outcome"] not in (own, *UNKNOWN)
+        f"{title(name)}: {one['outcome']}"
+        for name, one in found.items()
+        if one["outcome"] not in (own, *judging.UNKNOWN)
     ]
     for one in differences:
         if engine in one["engines"] and not (one["node_error"] or 0.0) <= tolerance:
@@ -176,7 +169,7 @@ def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance
         one["reference"] = at == number
         one["node_error"] = None if at is None or at == number else node_error(kept[number], kept[at])
     for one in rows:
-        one["judgement"] = asdict(sampled(one, tolerance))
+        one["judgement"] = asdict(judging.sampled(one, tolerance))
     return {"reference": "continuous" if continuous is not None else "the finest period of the mode"}
 
 
@@ -184,7 +177,7 @@ def trends(rows: Sequence[Data]) -> list[Data]:
     """Test the thesis' statements on gains (§5.6): yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
     for gain, measured, sign, words in STATEMENTS:
-        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in NO_MEASURE]
+        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in judging.NO_MEASURE]
         own.sort(key=lambda one: one["factor"])
         values, factors = ([one[key] for one in own] for key in (measured, "factor"))
         if len(values) > 1:
@@ -228,8 +221,8 @@ def _fractions(rows: Sequence[Data]) -> list[Data]:
         own = [one for one in rows if one[key] == group]
         counts = Counter(one["outcome"] for one in own)
         outcomes = {name: counts[name] for name in OUTCOMES if counts[name]}
-        known = [one for one in own if one["outcome"] not in UNKNOWN]
-        part = sum(counts[name] for name in REACHED) / len(known) if known else None
+        known = [one for one in own if one["outcome"] not in judging.UNKNOWN]
+        part = sum(counts[name] for name in judging.REACHED) / len(known) if known else None
         fraction = {key: group, "starts": len(own), "judged": len(known), "converged": part}
         found.append(fraction | {"kept": _kept(known), "outcomes": outcomes})
     return found
@@ -242,7 +235,7 @@ def _kept(rows: Sequence[Data]) -> float | None:
     """
     if all(one["decay_error"] is None for one in rows):
         return None
-    return sum(one["outcome"] in REACHED and not left_promise(one) for one in rows) / len(rows)
+    return sum(one["outcome"] in judging.REACHED and not left_promise(one) for one in rows) / len(rows)
 
 
 def left_promise(one: Data) -> bool:
