@@ -103,6 +103,20 @@ def test_members_over_a_run_say_it_too(arm: tmj.Scene) -> None:
     assert not found.ok
 
 
+def test_members_along_a_path_say_it_too(arm: tmj.Scene) -> None:
+    strong = arm.structure.with_sections(Section.tube(5e-3, 1e-3, 70e9, 2e8)).with_strings(strength=100.0)
+    study = tmj.statics.analyse(arm.with_(structure=strong), loads={"t4": (0.0, 0.0, -1.0)}, path=True)
+    assert study.response is not None
+    assert study.response.members.chosen == BRACED
+
+
+def test_rods_that_are_too_many_are_not_judged(state: StaticState, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tensegrity_mj.statics.state.MOST_RODS", 13)  # the arm has 14
+    found = determinacy(state.model, state.x)
+    assert found == Determinacy(None)
+    assert found.describe().startswith("not checked whether forces are determined: more than 13 rigid rods")
+
+
 @pytest.mark.parametrize(("height", "clear"), [(0.1, True), (1e-4, True), (1e-8, False), (1e-10, False)])
 def test_what_hangs_on_digits_that_nodes_do_not_have_is_undecided(height: float, clear: bool) -> None:
     """Two rods to one node, nearly in a line: their least singular value is about √2 times its height over 1 m."""

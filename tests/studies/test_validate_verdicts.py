@@ -6,6 +6,7 @@ m ẍ = -2 k (x - g ẋ): amplitudes follow e^(σ t) with σ = k g/m = 9 g, and 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.runs.judgement import combined, doubts, growth
-from tensegrity_mj.studies.validation import judging
+from tensegrity_mj.studies.validation import findings, judging
 from tensegrity_mj.studies.validation.sections import Extent
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
@@ -243,3 +244,21 @@ def test_engines_that_disagree_are_a_doubt() -> None:
     found = judging.judged(values, 0.05, 1.0, more=["DAE: diverged"])[1]
     assert (found.word, found.reason) == ("limited", "DAE: diverged")
     assert found.text == "limited: the distance from the target at the end is 10 mm (allowed 50 mm); DAE: diverged"
+
+
+@pytest.mark.parametrize(
+    ("apart", "other", "words"),
+    [
+        (0.04, "converged", []),
+        (0.06, "converged", ["the DAE is 60 mm away, more than 50 mm"]),
+        (math.nan, "converged", ["the DAE is – away, more than 50 mm"]),
+        (0.04, "diverged", ["the DAE: diverged"]),
+        (0.04, "refused", []),
+    ],
+)
+def test_engines_disagree_by_their_ends_and_by_the_tolerance(apart: float, other: str, words: list[str]) -> None:
+    """Nodes that are 40 mm apart agree within 50 mm, and an engine that refuses its start says nothing."""
+    found = {"mujoco": {"outcome": "converged"}, "dae": {"outcome": other}}
+    differences = [{"engines": ["mujoco", "dae"], "node_error": apart}]
+    doubts = findings._disagreements("mujoco", found, differences, 0.05)
+    assert [text.lower() for text in doubts] == [text.removeprefix("the ").lower() for text in words]
