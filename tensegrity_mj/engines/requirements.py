@@ -7,43 +7,28 @@ from typing import Any
 
 from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES
 from tensegrity_mj.errors import OptionError, StructureError
-from tensegrity_mj.model.capabilities import (
-    ADDED_MASS,
-    BREAKS,
-    CLASS_K,
-    CLOSED_LOOPS,
-    CONSTRAINTS,
-    ELASTIC,
-    ELEMENT_STATES,
-    LATER_START,
-    MOVED_SUPPORTS,
-    NOT_LINEAR,
-    PUSHING_DAMPERS,
-    YIELDING,
-    Limit,
-    refusal,
-)
+from tensegrity_mj.model import capabilities as has
 from tensegrity_mj.model.scene import Scene
 
 _STILL = "leave motions out (scene.with_(motions=()))"
-_PUSHING_DAMPERS = Limit(
-    PUSHING_DAMPERS,
+_PUSHING_DAMPERS = has.Limit(
+    has.PUSHING_DAMPERS,
     "such strings change the model as they go slack, and many simulations share it",
     "use simulate, or run_many",
     OptionError,
 )
-_LATER = Limit(LATER_START, "its clock begins at 0", "use simulate or run_many, or start_time = 0", OptionError)
-_STATES_AT_REST = Limit(
-    ELEMENT_STATES,
+_LATER = has.Limit(has.LATER_START, "its clock begins at 0", "use simulate or run_many, or start_time = 0", OptionError)
+_STATES_AT_REST = has.Limit(
+    has.ELEMENT_STATES,
     "the states of elements are not solved for",
     "replace the element by one without a state whose forces are those at rest, or let a damped run come to rest",
 )
 _OWN_STARTS = "leave start out, and vary numbers of the scene by draws"
 # What functions cannot do, whichever the engine.
-USES: Mapping[str, tuple[Limit, ...]] = {
-    "linearize": (Limit(MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
+USES: Mapping[str, tuple[has.Limit, ...]] = {
+    "linearize": (has.Limit(has.MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
     "engine_equilibrium": (
-        Limit(MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),
+        has.Limit(has.MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),
         _STATES_AT_REST,
     ),
     "statics": (_STATES_AT_REST,),
@@ -51,32 +36,38 @@ USES: Mapping[str, tuple[Limit, ...]] = {
     "law_in": (
         _LATER,
         _PUSHING_DAMPERS,
-        Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
-        Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
-        Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
+        has.Limit(has.YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
+        has.Limit(has.BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
+        has.Limit(
+            has.ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError
+        ),
     ),
     "random starts": (
-        Limit(CLOSED_LOOPS, "a random start would tear the loop open", _OWN_STARTS, OptionError),
-        Limit(CONSTRAINTS, "a random start would not keep it", _OWN_STARTS, OptionError),
+        has.Limit(has.CLOSED_LOOPS, "a random start would tear the loop open", _OWN_STARTS, OptionError),
+        has.Limit(has.CONSTRAINTS, "a random start would not keep it", _OWN_STARTS, OptionError),
     ),
     "MuJoCo's model": ELASTIC_LIMITS,
     "dm_control models": (
         _LATER,
-        Limit(ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"),
-        Limit(
-            CLASS_K,
+        has.Limit(
+            has.ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"
+        ),
+        has.Limit(
+            has.CLASS_K,
             "they are for structures of class 1, whose rods share no node",
             "use simulate or law_in, or give each rod nodes of its own",
             StructureError,
         ),
-        Limit(MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
-        Limit(
-            ADDED_MASS,
+        has.Limit(has.MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
+        has.Limit(
+            has.ADDED_MASS,
             "they hold forces over a step, and that of added mass depends on the accelerations of each stage",
             "use simulate or law_in, or leave it out (scene.with_(water=None))",
         ),
-        Limit(NOT_LINEAR, "their actuators are linear, and act between the steps alone", "use simulate or law_in"),
-        Limit(ELEMENT_STATES, "they integrate no states but MuJoCo's own", "use simulate or simulate_many"),
+        has.Limit(
+            has.NOT_LINEAR, "their actuators are linear, and act between the steps alone", "use simulate or law_in"
+        ),
+        has.Limit(has.ELEMENT_STATES, "they integrate no states but MuJoCo's own", "use simulate or simulate_many"),
     ),
 }
 
@@ -98,7 +89,7 @@ def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
     for limit in USES[use] if use else ():
         if found := limit.trait.find(scene):
             raise limit.error(f"{use}: {place}{found}: {limit.reason}; {limit.remedy}")
-    if refused := refusal(engine, scene):
+    if refused := has.refusal(engine, scene):
         limit, found, setting = refused
         title = engine.descriptor.title
         able = " or ".join(_title(name) for name in engines_for(scene) or engines_for(scene, extra=True))

@@ -8,20 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import (
-    Kind,
-    Wrong,
-    finite,
-    mapping,
-    not_allowed,
-    not_negative,
-    parts,
-    printable_name,
-    text,
-    tuple_of,
-    vector,
-)
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.model.members import Vector
 
@@ -42,15 +30,15 @@ class Load:
         phase: [rad]; -π/2 makes it force · sin(ω t).
     """
 
-    node: str = field(printable_name())
-    force: Vector = field(vector("N"))
-    angular_frequency: float = field(finite("rad/s"), default=0.0)
-    phase: float = field(finite("rad"), default=0.0)
+    node: str = field(kinds.printable_name())
+    force: Vector = field(kinds.vector("N"))
+    angular_frequency: float = field(kinds.finite("rad/s"), default=0.0)
+    phase: float = field(kinds.finite("rad"), default=0.0)
 
 
-def loads_kind() -> Kind:
+def loads_kind() -> kinds.Kind:
     """Kind of loads: several `Load`s, or a function of time, which no file can hold."""
-    several = parts(Load, "Load(node, force), or a function t -> (N, 3) in place of them all")
+    several = kinds.parts(Load, "Load(node, force), or a function t -> (N, 3) in place of them all")
     return several._replace(plain=lambda value: value if callable(value) else several.plain(value))
 
 
@@ -58,36 +46,36 @@ def loads_kind() -> Kind:
 class Break:
     """A string that breaks at a time [s], >= 0, and carries nothing from then on; laws do not account for it."""
 
-    string: str = field(printable_name())
-    time: float = field(not_negative("s"))
+    string: str = field(kinds.printable_name())
+    time: float = field(kinds.not_negative("s"))
 
 
 def _option(value: Any) -> OptionValue:
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return list(tuple_of(_option, value))
+        return list(kinds.tuple_of(_option, value))
     if isinstance(value, str):
-        return str(text().plain(value))
+        return str(kinds.text().plain(value))
     if not isinstance(value, (bool, int, float)) or value != value:
-        raise not_allowed(value, "a number, a text or a truth value, or a list of them")
+        raise kinds.not_allowed(value, "a number, a text or a truth value, or a list of them")
     return value
 
 
 def _option_name(given: Any) -> str:
     if not given:
-        raise Wrong("; its name must be a non-empty string")
-    return str(text().plain(given))
+        raise kinds.Wrong("; its name must be a non-empty string")
+    return str(kinds.text().plain(given))
 
 
-def _law_name() -> Kind:
+def _law_name() -> kinds.Kind:
     """Kind of a law's name: no path and no module, which would run code of the scene's author."""
-    name = printable_name("the name of a law")
+    name = kinds.printable_name("the name of a law")
 
     def plain(given: Any) -> str:
         law: str = name.plain(given)
         if ":" in law or law.endswith(".py"):
-            raise Wrong(
+            raise kinds.Wrong(
                 f" = {value_text(law)}; a scene names a law by its name alone, so that no file runs code: give this "
                 "one by --law, in Python by from_scene(scene, law), or install it as an entry point tensegrity_mj.laws"
             )
@@ -105,5 +93,8 @@ class ControlSpec:
 
     law: str = field(_law_name())
     options: Mapping[str, OptionValue] = field(
-        mapping(Kind(_option_name), Kind(_option), "a map of each option's name to its value", "option"), factory=dict
+        kinds.mapping(
+            kinds.Kind(_option_name), kinds.Kind(_option), "a map of each option's name to its value", "option"
+        ),
+        factory=dict,
     )

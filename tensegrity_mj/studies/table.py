@@ -36,29 +36,17 @@ def _largest(values: Any) -> Any:
     return np.max(values) if values.size else None
 
 
-def _compression(run: Trajectory) -> Any:
-    return -np.min(run.rod_force_densities) if run.rod_force_densities.size else None
-
-
 def _margin_time(run: Trajectory) -> Any:
     margins = run.feasibility_margin
     return run.time[np.nanargmin(margins)] if np.any(~np.isnan(margins)) else None
 
 
-def _final_error(run: Trajectory) -> Any:
-    return _last(run.target_error())
-
-
-def _bent(late: bool) -> Callable[[Trajectory], Any]:
+def _bent(run: Trajectory, late: bool = False) -> Any:
     """The largest D of a tower; that of the last quarter of the run."""
-
-    def largest(run: Trajectory) -> Any:
-        if not is_tower(run.scene.structure) or not len(run.time):
-            return None
-        rows = run.time >= (run.scene.start_time + 0.75 * run.scene.duration if late else 0.0)
-        return np.max(deformation(run)[rows]) if rows.any() else None
-
-    return largest
+    if not is_tower(run.scene.structure) or not len(run.time):
+        return None
+    rows = run.time >= (run.scene.start_time + 0.75 * run.scene.duration if late else 0.0)
+    return np.max(deformation(run)[rows]) if rows.any() else None
 
 
 def _mean_rod_force(run: Trajectory) -> Any:
@@ -84,13 +72,17 @@ MEASURES: dict[str, Measure] = {
     "status": Measure("", "how the run ended", lambda run: run.status.value),
     "message": Measure("", "why it was not completed", lambda run: run.message),
     "end_time": Measure("s", "simulated time that was reached", lambda run: _last(run.time)),
-    "final_error": Measure("m", "largest distance of a node from its target at the end", _final_error),
+    "final_error": Measure(
+        "m", "largest distance of a node from its target at the end", lambda run: _last(run.target_error())
+    ),
     "max_force_density": Measure("N/m", "largest u of a string", lambda run: _largest(run.force_densities)),
     "max_tension": Measure("N", "largest tension of a string", lambda run: _largest(run.tensions)),
-    "max_compression": Measure("N/m", "largest compressive force density -Jλ/ℓ² of a rod", _compression),
+    "max_compression": Measure(
+        "N/m", "largest compressive force density -Jλ/ℓ² of a rod", lambda run: _largest(-run.rod_force_densities)
+    ),
     "mean_rod_force": Measure("N", "internal force of rods, their mean over rods and time", _mean_rod_force),
-    "deformation": Measure("m", "of a tower: largest D, of the centres between stages from a line", _bent(False)),
-    "late_deformation": Measure("m", "the same in the last quarter of the scene's duration", _bent(True)),
+    "deformation": Measure("m", "of a tower: largest D, of the centres between stages from a line", _bent),
+    "late_deformation": Measure("m", "the same in the last quarter of the scene's duration", partial(_bent, late=True)),
     "min_margin": Measure(LAW, "smallest feasibility margin", lambda run: run.min_feasibility_margin),
     "min_margin_time": Measure("s", "when the feasibility margin is smallest", _margin_time),
     "final_lyapunov": Measure(LAW, "V at the end", lambda run: _last(run.lyapunov)),

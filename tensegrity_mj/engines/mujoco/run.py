@@ -15,25 +15,13 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
 from tensegrity_mj.engines.continuing import saved_state
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
+from tensegrity_mj.engines.mujoco import run_view
 from tensegrity_mj.engines.mujoco.answers import set_answering
 from tensegrity_mj.engines.mujoco.contact import Contacts
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
-from tensegrity_mj.engines.mujoco.run_view import (
-    END_STEP,
-    ENDED,
-    FINISHED,
-    LOST,
-    LOST_CONTROL,
-    NEXT_ROW,
-    RUN,
-    RUNNING,
-    STAGE,
-    STEP,
-    WAITING,
-)
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
@@ -89,7 +77,9 @@ class MuJoCoRun:
         self.model, self.tree, self.data = ready.model, ready.tree, ready.data
         self.data.qvel[:] = ready.velocities  # positions are the model's own
         self.cause = ""  # of an end that the callback does not see
-        self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN, carried(scene))
+        self.plant = plant = Plant(
+            scene, request.law, request.actuation, request.on_infeasible, run_view.RUN, carried(scene)
+        )
         self.times = self.grid.times
         self.width = plant["row_width"]
         plant.take(ready.table)
@@ -102,7 +92,7 @@ class MuJoCoRun:
         # One row more than the grid has, for where a law stops the run.
         self.rows = allocate_rows(len(self.times) + 1, self.width + more)
         self.grid.describe(plant, self.rows)
-        self.counters = np.array([0, 0, 0, -1, RUNNING, 0], np.int64)
+        self.counters = np.array([0, 0, 0, -1, run_view.RUNNING, 0], np.int64)
         plant.set(
             designed=np.array(structure.rest_lengths),
             stages=options.stages,
@@ -117,7 +107,7 @@ class MuJoCoRun:
         set_answering(scene, self.tree, self.model, plant)
         if request.start is not None:
             request.start.put_back(plant, **self._own)
-        self.counters[STEP], self.data.time = self.grid.first, request.begin
+        self.counters[run_view.STEP], self.data.time = self.grid.first, request.begin
 
     @property
     def _own(self) -> dict[str, Array]:
@@ -133,15 +123,15 @@ class MuJoCoRun:
 
             def advance(first: int, count: int) -> int:
                 self._advance(begin + first, count)
-                if counters[ENDED] == RUNNING:
+                if counters[run_view.ENDED] == run_view.RUNNING:
                     self._check(begin + first + count, clock.seconds)
-                return int(counters[STEP]) - begin
+                return int(counters[run_view.STEP]) - begin
 
             if drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
                 end = saved_state(self.options, self.plant, **self._own)
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
-            if counters[ENDED] != RUNNING:
+            if counters[run_view.ENDED] != run_view.RUNNING:
                 finish(self.plant.address)
         found = self.conclude(seconds, texts)
         if end and not self.options.locate_slack:
@@ -155,36 +145,36 @@ class MuJoCoRun:
     @property
     def evaluations(self) -> int:
         """Number of evaluations of the forces so far."""
-        return (int(self.counters[STEP]) - self.grid.first) * self.plant["stages"]
+        return (int(self.counters[run_view.STEP]) - self.grid.first) * self.plant["stages"]
 
     @property
     def ended_early(self) -> float | None:
         """The time [s] at which it ended before its time, or None."""
-        ended = int(self.counters[ENDED])
-        if ended == FINISHED:
+        ended = int(self.counters[run_view.ENDED])
+        if ended == run_view.FINISHED:
             return None
-        step = self.counters[STEP if ended == RUNNING else END_STEP]
+        step = self.counters[run_view.STEP if ended == run_view.RUNNING else run_view.END_STEP]
         return float(step * self.options.timestep)
 
     def conclude(self, seconds: float, texts: Sequence[str] = ()) -> Trajectory:
         """Return the run's trajectory, or raise the error that it ended with."""
         options, counters = self.options, self.counters
-        ended, step = int(counters[ENDED]), int(counters[END_STEP])
-        if ended == RUNNING:
-            self._diverged(self.cause, seconds, int(counters[STEP]) * options.timestep)
-        if ended == FINISHED:
+        ended, step = int(counters[run_view.ENDED]), int(counters[run_view.END_STEP])
+        if ended == run_view.RUNNING:
+            self._diverged(self.cause, seconds, int(counters[run_view.STEP]) * options.timestep)
+        if ended == run_view.FINISHED:
             self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
             check_energy(run, self._remedy(), self.options.is_explicit)
             for text in texts:
                 warn_caller(f"MuJoCo: {text}", RuntimeWarning)
             return run
-        time, count = step * options.timestep, int(counters[NEXT_ROW])
-        if counters[STAGE] == 0 and not self.plant["status"]:
+        time, count = step * options.timestep, int(counters[run_view.NEXT_ROW])
+        if counters[run_view.STAGE] == 0 and not self.plant["status"]:
             self.times = np.append(self.times[: count - 1], time)  # the law stopped it at a step's start: a row more
-        if ended == LOST:
+        if ended == run_view.LOST:
             self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
-        if ended == LOST_CONTROL:
+        if ended == run_view.LOST_CONTROL:
             self._diverged(f"rest lengths are beyond {BEYOND:g} m, where MuJoCo ignores them", seconds, time)
         blame = (self.plant, time, self._remedy(), self.options.is_explicit)
         try:
@@ -204,7 +194,7 @@ class MuJoCoRun:
         """Raise if MuJoCo warned, stopped counting steps, or has a value that is infinite or NaN."""
         data = self.data
         finite = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
-        if causes := causes_of(data.warning.number, finite, int(self.counters[STEP]), steps):
+        if causes := causes_of(data.warning.number, finite, int(self.counters[run_view.STEP]), steps):
             self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
 
     def _diverged(self, cause: str, seconds: float, time: float) -> NoReturn:
@@ -214,7 +204,7 @@ class MuJoCoRun:
 
     def _partial(self, seconds: float) -> Trajectory:
         """Trajectory so far: the rows that have their accelerations."""
-        rows = int(self.counters[NEXT_ROW]) - int(self.counters[WAITING] >= 0)
+        rows = int(self.counters[run_view.NEXT_ROW]) - int(self.counters[run_view.WAITING] >= 0)
         if self.plant["status"]:  # a load that failed has no value at the last row
             rows -= 1
         return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
@@ -244,7 +234,7 @@ class MuJoCoRun:
             reports |= found
         cost = {
             "wall_time": seconds,
-            "steps": int(self.counters[STEP]) - self.grid.first,
+            "steps": int(self.counters[run_view.STEP]) - self.grid.first,
             "evaluations": self.evaluations,
         }
         engine = {
