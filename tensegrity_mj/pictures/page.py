@@ -244,10 +244,8 @@ def _agreement(comparison: Comparison) -> str:
     ]
     rows.append(("RMS node error", quantity(comparison.rms_node_error, "m", 4)))
     first, last = (quantity(float(comparison.time[k]), "s") for k in (0, -1))
-    return (
-        table_of(("quantity", "difference"), rows)
-        + f"<p>At {len(comparison.time)} common times from {first} to {last}.</p>"
-    )
+    about = f"<p>At {len(comparison.time)} common times from {first} to {last}.</p>"
+    return table_of(("quantity", "difference"), rows) + about
 
 
 def _runs(runs: Sequence[Trajectory]) -> str:

@@ -57,13 +57,9 @@ def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
             if name in comparison.compared
         ]
         rows += [(group, ", ".join(found))] if found else []
-    beyond = [
-        f"{DIFFERENCES[name].words} from {quantity(since, 's')} "
-        f"({quantity(comparison.tolerance_of(name), DIFFERENCES[name].unit)})"
-        for name, since in comparison.first_exceeded.items()
-        if since is not None
-    ]
-    return rows + ([("beyond", ", ".join(beyond) or "no tolerance")] if comparison.first_exceeded else [])
+    since = {DIFFERENCES[name].words: when for name, when in comparison.first_exceeded.items() if when is not None}
+    beyond = ", ".join(f"{words} from {quantity(when, 's')}" for words, when in since.items())
+    return rows + ([("beyond", beyond or "no tolerance")] if comparison.first_exceeded else [])
 
 
 def html_of(run: Trajectory) -> str:

@@ -14,7 +14,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.runs.judgement import combined, doubts, growth
-from tensegrity_mj.studies.validation import findings, judging
+from tensegrity_mj.studies.validation import findings, judging, page
 from tensegrity_mj.studies.validation.sections import Extent
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
@@ -262,3 +262,17 @@ def test_engines_disagree_by_their_ends_and_by_the_tolerance(apart: float, other
     differences = [{"engines": ["mujoco", "dae"], "node_error": apart}]
     doubts = findings._disagreements("mujoco", found, differences, 0.05)
     assert [text.lower() for text in doubts] == [text.removeprefix("the ").lower() for text in words]
+
+
+def test_a_page_has_no_empty_panels() -> None:
+    """Starts of which none is judged, and settling times of runs without a target."""
+    fractions = [{"amplitude": 0.1, "converged": None}]
+    starts = {"mujoco": {"rows": [{"amplitude": 0.1}], "fractions": fractions}}
+    assert not list(page.of_section("starts", {"starts": starts}))
+    row = {"gain": "decay_rate", "settling_10": None, "peak_force_density": 3.0}
+    gains = {"mujoco": {"rows": [row | {"factor": factor} for factor in (0.5, 2.0)]}}
+    (drawn,) = page.of_section("gains", {"gains": gains})
+    assert [panel.get_ylabel() for panel in drawn.figure.axes] == ["peak u [N/m]"]
+    for one in gains["mujoco"]["rows"]:
+        one["peak_force_density"] = None
+    assert not list(page.of_section("gains", {"gains": gains}))

@@ -315,10 +315,10 @@ class ErrorControlled:
         energy = float(rods.kinetic_energy(structure, self.plant["velocities"][None])[0])
         most = 0.5 * FAR**2 * float(structure.stiffness.sum()) * size**2
         if energy > most > 0.0:
-            worst = int(np.argmin(rest))
+            name, least = structure.strings[int(np.argmin(rest))].name, quantity(float(rest.min()), "m", 2)
             self._give_up(
                 f"the law drives the structure on: it moves with {quantity(energy, 'J', 2)}, and the rest length of "
-                f"string '{structure.strings[worst].name}' is {quantity(float(rest[worst]), 'm', 2)}",
+                f"string '{name}' is {least}",
                 "take a law that damps, or give strings min_rest_length or max_force_density",
             )
 

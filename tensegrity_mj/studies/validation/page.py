@@ -244,21 +244,20 @@ def _sampling(data: Data) -> Iterator[Picture]:
 
 def _gains(data: Data) -> Iterator[Picture]:
     engine, part = next(iter(data["gains"].items()))
-    if not part["rows"]:
+    known = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
+    names = [named for named in known if any(one[named[0]] is not None for one in part["rows"])]
+    if not names:
         return
-    figure = new_figure(2 * COLUMN, COLUMN)
-    panels = figure.subplots(1, 2)
-    names = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
-    for panel, (measured, label) in zip(panels, names, strict=True):
+    figure = new_figure(len(names) * COLUMN, COLUMN)
+    for panel, (measured, label) in zip(np.atleast_1d(figure.subplots(1, len(names))), names, strict=True):
         for number, gain in enumerate(dict.fromkeys(one["gain"] for one in part["rows"])):
             own = [one for one in part["rows"] if one["gain"] == gain and one[measured] is not None]
             own.sort(key=lambda one: one["factor"])
             x, y = [one["factor"] for one in own], [one[measured] for one in own]
             panel.plot(x, y, color=palette.CYCLE[number], marker="o", ms=4, label=GAIN_NAMES.get(gain, gain))
-        if any(line.get_xdata().size for line in panel.get_lines()):
-            panel.set_xscale("log", base=2)
-            if measured == "peak_force_density":
-                panel.set_yscale("log")
+        panel.set_xscale("log", base=2)
+        if measured == "peak_force_density":
+            panel.set_yscale("log")
         frame(panel, "", "factor on the gain", label)
     yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")
 
@@ -304,6 +303,8 @@ def _starts(data: Data) -> Iterator[Picture]:
     rows = part["rows"]
     if "direction" in rows[0]:
         yield from _map(engine, rows)
+        return
+    if all(one["converged"] is None for own in data["starts"].values() for one in own["fractions"]):
         return
     figure = new_figure(1.6 * COLUMN, COLUMN)
     panel = figure.subplots()
