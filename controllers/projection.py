@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member
+from tensegrity_mj.controllers import known, quadratic_law, quadratic_terms, table
 from tensegrity_mj.controllers.gains import gain_records
-from tensegrity_mj.controllers.known import KnownWater
-from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
-from tensegrity_mj.controllers.quadratic_terms import Onto
-from tensegrity_mj.controllers.table import NamedLaw
 
 
 @dataclass(frozen=True, eq=False)
-class Projection(QuadraticLaw):
+class Projection(quadratic_law.QuadraticLaw):
     """The law of Theorem 6.1 with the explicit minima of Lemma 5.1.
 
     Attributes:
@@ -38,15 +35,15 @@ class Projection(QuadraticLaw):
         OptionError, SceneError: as `QuadraticLaw`, and for K that is not positive semidefinite.
     """
 
-    onto: Onto = Onto.CURRENT
+    onto: quadratic_terms.Onto = quadratic_terms.Onto.CURRENT
     stiffness: ArrayLike | Mapping[str, ArrayLike] = 0.0
 
     def __post_init__(self) -> None:
-        member("onto", self.onto, Onto)
+        member("onto", self.onto, quadratic_terms.Onto)
         super().__post_init__()
 
     @property
-    def projected_onto(self) -> Onto:
+    def projected_onto(self) -> quadratic_terms.Onto:
         """Plane that the errors of b are projected onto."""
         return self.onto
 
@@ -61,4 +58,4 @@ class Projection(QuadraticLaw):
         return {"law": "projection", "onto": self.onto.value, "stiffness": K, **super().describe()}
 
 
-LAW = NamedLaw(Projection, {"water": KnownWater})
+LAW = table.NamedLaw(Projection, {"water": known.KnownWater})

@@ -6,12 +6,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.model.elements.waves import Sea
-from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures import camera_path, painter, palette, surface
 from tensegrity_mj.pictures.camera import Camera, clearest, fit
-from tensegrity_mj.pictures.camera_path import CameraPath
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Sizes, slack_curves
-from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.view import View
 
 SAMPLES = 200  # instants of a run that the camera is fitted to
@@ -71,7 +68,7 @@ class Framing:
             nodes = np.concatenate([nodes, *self._target_clouds(size)])
             hanging = np.concatenate([points.reshape(-1, 3) for points, _ in arcs])
         extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
-        self.sizes = [Sizes.of(m.structure, extent) for m in self.motions]
+        self.sizes = [painter.Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self.sizes)
         sea = next((sea for sea in self.seas if sea is not None), None)
         camera = clearest(nodes, self.motions[0].corners(), sea, view.azimuth, view.elevation)
@@ -94,7 +91,7 @@ class Framing:
         cameras = [self.camera] if self.path is None else [self.path.at(time) for time in self.path.times]
         return np.max([np.max(np.abs(camera.project(self.points)), axis=0) for camera in cameras], axis=0)
 
-    def _plan_path(self, margin: float, aspect: float) -> CameraPath | None:
+    def _plan_path(self, margin: float, aspect: float) -> camera_path.CameraPath | None:
         """The way of a camera that goes with the structure and keeps its floor in view; None to stand still."""
         start, end = min(m.start for m in self.motions), max(m.end for m in self.motions)
         still = self.follow or self.surface is not None or self.view.distance is not None
@@ -109,11 +106,11 @@ class Framing:
             seen += [] if targets is None or not self.view.target else [targets]
         corners = self._grid_corners()
         seen.append(np.broadcast_to(corners, (KEYS, *corners.shape)))
-        return CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
+        return camera_path.CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
 
     def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
         """Place the water; return its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""
-        self.surface: Surface | None = None
+        self.surface: surface.Surface | None = None
         seas = [sea for sea in self.seas if sea is not None]
         if not seas:
             return np.zeros((0, 3)), np.zeros((0, 3))
@@ -124,7 +121,7 @@ class Framing:
         if self.follow:
             every = np.concatenate([paths[..., 2].ravel() for paths, _ in clouds])
             world = float(every.min()), float(every.max())
-        self.surface = Surface.around(nodes, world, self.cell, seas)
+        self.surface = surface.Surface.around(nodes, world, self.cell, seas)
         lowest = self.surface.bottom - float(middles.max())
         highest = self.surface.crest - float(middles.min())
         framed, drawn = (
@@ -139,7 +136,7 @@ class Framing:
         curves = np.zeros((len(times), 0, 3))
         if ever.any():
             poses = (motion.pose(time) for time in times)
-            curves = np.stack([slack_curves(motion, pose, ever).reshape(-1, 3) for pose in poses])
+            curves = np.stack([painter.slack_curves(motion, pose, ever).reshape(-1, 3) for pose in poses])
         # A string that is far longer than the structure is wide would leave that tiny: it may leave the picture.
         middle, extent = paths.mean(axis=1, keepdims=True), np.linalg.norm(np.ptp(paths, axis=1), axis=1)
         near = np.linalg.norm(curves - middle, axis=2) <= 1.5 * extent[:, None]

@@ -12,16 +12,11 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures import framing, labels, lit_model, opengl, palette, supports
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
-from tensegrity_mj.pictures.framing import Framing
-from tensegrity_mj.pictures.labels import Labels
-from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion, Pose
-from tensegrity_mj.pictures.opengl import MAX_BUFFER, Canvas, choose_backend
 from tensegrity_mj.pictures.painter import TRANSLUCENT, Look, Painter, geoms_needed, plate_thickness
 from tensegrity_mj.pictures.shade import patches
-from tensegrity_mj.pictures.supports import supported_points
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
 from tensegrity_mj.pictures.view import Layout, Quality, View
 
@@ -56,7 +51,7 @@ class Stage(contextlib.ExitStack):
         if not isinstance(layout, Layout):
             raise OptionError(f"layout={layout!r}: it must be Layout.OVERLAY or Layout.SIDE_BY_SIDE")
         super().__init__()
-        choose_backend()  # before any work, and before MuJoCo is imported
+        opengl.choose_backend()  # before any work, and before MuJoCo is imported
         self.motions = [motion] if other is None else [motion, other]
         self.view = view
         self._backdrop: palette.Color = palette.BACKGROUND
@@ -72,14 +67,14 @@ class Stage(contextlib.ExitStack):
         lines = 1 if self._split or other is None else 2
         if not any(m.label or m.note for m in self.motions):
             lines = 0
-        self._labels = Labels(width, height, columns, lines)
+        self._labels = labels.Labels(width, height, columns, lines)
         self._text = view.text and self._labels.readable
         header, footer = (self._labels.header, self._labels.footer) if self._text else (0, 0)
         wish = {Quality.FAST: 1.0, Quality.FINE: 1.5 if columns == 2 else 2.0, Quality.BEST: 3.0}[view.quality]
-        most = min(wish, MAX_BUFFER / max(width, height))
+        most = min(wish, opengl.MAX_BUFFER / max(width, height))
         self._factor = max(f for f in (1.0, 1.5, 2.0, 3.0) if f == 1.0 or f <= most)
 
-        self.framing = Framing(self.motions, self._seas, view, (width // columns) / (height - header - footer))
+        self.framing = framing.Framing(self.motions, self._seas, view, (width // columns) / (height - header - footer))
         self._surface = self.framing.surface
         self._ports = self._plan_ports(width // columns, columns, header, height - header - footer)
         self._scale = palette.TensionScale.of(np.concatenate([m.tensions.ravel() for m in self.motions]))
@@ -175,7 +170,7 @@ class Stage(contextlib.ExitStack):
 
     def _legend(self) -> list[str]:
         """Return the words that the footer explains."""
-        held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
+        held = [h for m in self.motions for _, h in supports.supported_points(m.structure, m.nodes[0])]
         slack = any(np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions)
         there = {
             "slack string": slack,
@@ -205,9 +200,9 @@ class Stage(contextlib.ExitStack):
         pixel = 2.0 * nearest * HALF_VIEW / self.view.size[1]
         if self._surface is not None:
             self._surface = self._surface.lined(LINE * pixel, self.framing.camera)
-        model = make_model(self._surface, self.framing.terrain, self.framing.cell)
+        model = lit_model.make_model(self._surface, self.framing.terrain, self.framing.cell)
         port = self._ports[0]
-        canvas = Canvas(model, *self._drawn_size(port))
+        canvas = opengl.Canvas(model, *self._drawn_size(port))
         self._canvas = self.enter_context(canvas)
         needed = 2 * sum(geoms_needed(m.structure) for m in self.motions)
         capacity = needed + MAX_GRID_LINES + 2 * MAX_PIECES + 200

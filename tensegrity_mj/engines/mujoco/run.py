@@ -13,18 +13,11 @@ from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.engines.continuing import saved_state
-from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
-from tensegrity_mj.engines.mujoco import run_view
-from tensegrity_mj.engines.mujoco.answers import set_answering
-from tensegrity_mj.engines.mujoco.contact import Contacts
-from tensegrity_mj.engines.mujoco.install import finish, installed
-from tensegrity_mj.engines.mujoco.joints import JointForces
-from tensegrity_mj.engines.mujoco.motion import set_supports
-from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
+from tensegrity_mj.engines import continuing, driving, requirements
+from tensegrity_mj.engines.mujoco import answers, contact, install, joints, motion, prepared, run_view
+from tensegrity_mj.engines.mujoco.install import finish
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene
@@ -66,14 +59,14 @@ class MuJoCoRun:
         self,
         options: MuJoCo,
         request: Request,
-        ready: Prepared | None = None,
+        ready: prepared.Prepared | None = None,
         start: Scene | None = None,
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
-        require(options, scene)
-        self.grid = Grid.of(request, options.timestep)
-        self.ready = ready = lent(scene, options.timestep, options.word) if ready is None else ready
+        requirements.require(options, scene)
+        self.grid = driving.Grid.of(request, options.timestep)
+        self.ready = ready = prepared.lent(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree, self.data = ready.model, ready.tree, ready.data
         self.data.qvel[:] = ready.velocities  # positions are the model's own
         self.cause = ""  # of an end that the callback does not see
@@ -83,10 +76,10 @@ class MuJoCoRun:
         self.times = self.grid.times
         self.width = plant["row_width"]
         plant.take(ready.table)
-        self.contacts = None if scene.contact is None else Contacts(structure, self.model, plant)
+        self.contacts = None if scene.contact is None else contact.Contacts(structure, self.model, plant)
         if scene.motions:
-            set_supports(scene, self.tree, self.model, plant, start)
-        self.joints = JointForces(scene, self.tree, self.model, plant) if structure.class_number > 1 else None
+            motion.set_supports(scene, self.tree, self.model, plant, start)
+        self.joints = joints.JointForces(scene, self.tree, self.model, plant) if structure.class_number > 1 else None
         more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contacts) if part)
         more += len(structure.constraints)
         # One row more than the grid has, for where a law stops the run.
@@ -104,7 +97,7 @@ class MuJoCoRun:
             constrained=scene.contact is not None or bool(scene.motions and self.tree.forest.closures),
             resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),
         )
-        set_answering(scene, self.tree, self.model, plant)
+        answers.set_answering(scene, self.tree, self.model, plant)
         if request.start is not None:
             request.start.put_back(plant, **self._own)
         self.counters[run_view.STEP], self.data.time = self.grid.first, request.begin
@@ -117,9 +110,9 @@ class MuJoCoRun:
 
     def run(self) -> Trajectory:
         counters, begin, end = self.counters, self.grid.first, {}
-        with installed(self.plant) as texts:
+        with install.installed(self.plant) as texts:
             self._warm_up()
-            clock = Stopwatch(self.request)
+            clock = driving.Stopwatch(self.request)
 
             def advance(first: int, count: int) -> int:
                 self._advance(begin + first, count)
@@ -127,8 +120,8 @@ class MuJoCoRun:
                     self._check(begin + first + count, clock.seconds)
                 return int(counters[run_view.STEP]) - begin
 
-            if drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
-                end = saved_state(self.options, self.plant, **self._own)
+            if driving.drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
+                end = continuing.saved_state(self.options, self.plant, **self._own)
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
             if counters[run_view.ENDED] != run_view.RUNNING:

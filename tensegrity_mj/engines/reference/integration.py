@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.compiling import CFunction
+from tensegrity_mj.dynamics.native import compiling, resolution, slack
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.resolution import STAGES
-from tensegrity_mj.dynamics.native.slack import search_of
 from tensegrity_mj.engines.continuing import saved_state
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
@@ -38,10 +36,10 @@ class Equations:
         explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
-    place: CFunction
-    accelerate: CFunction
-    project: CFunction | None = None
-    guard: CFunction | None = None
+    place: compiling.CFunction
+    accelerate: compiling.CFunction
+    project: compiling.CFunction | None = None
+    guard: compiling.CFunction | None = None
     extra: int = 0
     explain_singular: Callable[[float], str] = str
 
@@ -130,11 +128,11 @@ class IntegratedRun:
         self.first, rows = grid.first, allocate_rows(len(times), self.width)
         grid.describe(self.plant, rows)
         self.plant["total"] += 1  # the state is kept before the last row is seen to
-        search = search_of(self.plant["string_count"], self.plant["curved"])
+        search = slack.search_of(self.plant["string_count"], self.plant["curved"])
         self.plant["search"] = search if self.options.locate_slack else 0
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         rk4_steps(self.table, self.y, 0, 0)  # compiles
-        self.plant["resolution_kind"] = STAGES
+        self.plant["resolution_kind"] = resolution.STAGES
         clock, status = Stopwatch(self.request), SOLVED
 
         def recorded(time: Array, how: Status, message: str) -> Trajectory:

@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.replay import cubics
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco import many
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
-from tensegrity_mj.engines.mujoco.install import installed
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING
+from tensegrity_mj.engines.mujoco import engine, ensemble, install, many, run_view
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.tasks.definition import substeps
@@ -33,7 +29,7 @@ VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 NEVER = 2**40  # steps: more than any episode has
 
 
-class Fleet(MuJoCoEnsemble):
+class Fleet(ensemble.MuJoCoEnsemble):
     """Robots of one structure, whose numbers may differ from robot to robot.
 
     Attributes:
@@ -44,7 +40,7 @@ class Fleet(MuJoCoEnsemble):
         OptionError: where the period is no multiple of the step, and for strings whose tension is a curve.
     """
 
-    def __init__(self, scene: Scene, options: MuJoCo, period: float, count: int, threads: int) -> None:
+    def __init__(self, scene: Scene, options: engine.MuJoCo, period: float, count: int, threads: int) -> None:
         self.substeps = substeps(period, options.timestep)
         if not scene.structure.curves.linear:
             raise OptionError(f"scene '{scene.name}': tensions of its strings are curves; give them a stiffness alone")
@@ -87,12 +83,12 @@ class Fleet(MuJoCoEnsemble):
         """A control period of these robots; which of them have come to an end that no run goes on from."""
         if not len(ids):  # which the batch would take for all
             return np.zeros(0, bool)
-        with installed(self.guide, many.many_runs):
+        with install.installed(self.guide, many.many_runs):
             try:
                 self.batch.step(ids, nstep=self.substeps, stage=VELOCITIES)
             except SimulationError as error:
-                self.counters[error.ids, ENDED] = RUNNING - 1
-        ended = (self.counters[ids, ENDED] != RUNNING) | self.batch.warning[ids, :, 1].any(axis=1)
+                self.counters[error.ids, run_view.ENDED] = run_view.RUNNING - 1
+        ended = (self.counters[ids, run_view.ENDED] != run_view.RUNNING) | self.batch.warning[ids, :, 1].any(axis=1)
         finite = np.isfinite(self.batch.qpos[ids]).all(axis=1) & np.isfinite(self.batch.qvel[ids]).all(axis=1)
         return np.asarray(ended | ~finite)
 

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tensegrity_mj.basics import checks, texts, units
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.basics.texts import aligned, figure_text
-from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.controllers.specs import spec_of
 from tensegrity_mj.engines.table import checked_engine, engine_settings
@@ -90,7 +88,7 @@ class Identification(Report):
             interval = "{low:.6g} to {high:.6g}" if np.isfinite(row["deviation"]) else "none"
             forms = ("{name}", "{start:.6g}", "{value:.6g}", interval, "{note}")
             rows.append([form.format(**row) for form in forms])
-        return aligned([heads, *rows])
+        return texts.aligned([heads, *rows])
 
 
 def identify(
@@ -128,10 +126,10 @@ def identify(
         OptionError: for parameters and measurements that do not fit the scene, or a folder of another study.
         TensegrityError: as `simulate`, of the run with the starts.
     """
-    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    checks.instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     law = law_for(scene, law)
     engine, chosen = checked_engine(engine), FitOptions() if options is None else options
-    instance("options", chosen, FitOptions, "use FitOptions(...)")
+    checks.instance("options", chosen, FitOptions, "use FitOptions(...)")
     name, settings = engine_settings(engine)
     unknowns, observed = Unknowns.of(scene, parameters), Observation.of(scene.structure, measurements)
     predictions = predictions_of(unknowns, observed, engine, law, chosen.actuation)
@@ -214,7 +212,7 @@ def verdicts(data: Data) -> Iterator[tuple[Mark, str]]:
         else:
             yield Mark.GOOD, f"{text}, allowed {DOUBTFUL:g} to {1 - DOUBTFUL:g})."
     if data["estimated_noise"] is not None:
-        noise = quantity(data["estimated_noise"], data["series"][0]["unit"])
+        noise = units.quantity(data["estimated_noise"], data["series"][0]["unit"])
         yield Mark.UNJUDGED, f"The noise, estimated, is {noise}: none was given to hold it against."
     if (p := data["whiteness"]["p_value"]) is not None:
         what = "white" if p >= DOUBTFUL else "correlated in time, and intervals too narrow"
@@ -239,7 +237,7 @@ def _fitted(data: Data) -> Figure:
     for panel, one in zip(panels, (series[k] for k in order), strict=True):
         panel.plot(one["time"], one["measured"], ".", ms=3, color=palette.color_of(0), alpha=0.5)
         panel.plot(one["time"], one["fitted"], color=palette.color_of(2), lw=1.2)
-        frame(panel, figure_text(one["label"]), "t [s]", f"[{one['unit']}]")
+        frame(panel, texts.figure_text(one["label"]), "t [s]", f"[{one['unit']}]")
     alike(figure)
     return figure
 
@@ -253,7 +251,7 @@ def _information_figure(data: Data) -> Figure:
     reach = [(row["high"] - row["value"]) / abs(row["value"]) for row in known]
     left.errorbar(np.ones(len(known)), places, xerr=reach, fmt="o", ms=4, capsize=3, color=palette.color_of(0))
     left.plot([row["start"] / row["value"] for row in known], places, "x", color=palette.GUIDE)
-    left.set_yticks(places, [figure_text(row["name"]) for row in known])
+    left.set_yticks(places, [texts.figure_text(row["name"]) for row in known])
     left.invert_yaxis()
     for number, when in enumerate(("before", "after")):
         values = np.array(data[when]["eigenvalues"])
