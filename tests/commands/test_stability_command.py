@@ -65,6 +65,7 @@ def test_a_limit_that_nothing_showed_is_not_judged_and_what_nothing_explains_is_
     data = {
         "scene": "x",
         "base": {
+            "text": "x",
             "engines": {
                 "discrete": none,
                 "euler": met,

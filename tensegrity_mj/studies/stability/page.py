@@ -65,14 +65,15 @@ def _verdict(data: Data) -> str:
     known = [one for one in known if one["measured"] is not None or not one["agrees"]]  # else nothing was measured
     ratios = [one["ratio"] for one in known]
     off = max((abs(ratio - 1.0) for ratio in ratios), default=math.nan)
-    met = f"predicted largest steps of {data['base']['text']}, are within {off:.1%} of those measured"
     steps = [one["predicted"] for one in data["base"]["engines"].values() if one["predicted"]]
     span = f": {quantity(min(steps), 's')} to {quantity(max(steps), 's')} by engine" if steps else ""
     if not data["base"]["engines"]:
         return f"The step of {data['scene']} is not judged: no engine that was chosen simulates it."
     if not ratios and any(one["measured"] is not None for one in data["base"]["engines"].values()):
         return f"The step of {data['scene']} has limits that were measured and not predicted."
-    return f"At rest, {met}{span}." if ratios else f"Nothing limits the step of {data['scene']} as far as was tried."
+    if not ratios:
+        return f"Nothing limits the step of {data['scene']} as far as was tried."
+    return f"At rest, predicted largest steps of {data['base']['text']}, are within {off:.1%} of those measured{span}."
 
 
 def _findings(data: Data) -> Iterator[Finding]:
