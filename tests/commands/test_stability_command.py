@@ -71,7 +71,7 @@ def test_a_limit_that_nothing_showed_is_not_judged_and_what_nothing_explains_is_
                 "euler": met,
                 "implicit": off | {"cause": "a rod near the pole of the ODE's angles"},
                 "rk4": off | {"cause": "not explained (nothing grew)"},
-            }
+            },
         },
         "random": {"failed": 3, "summary": {"structures_agree": 0, "structures": 0, "allowed": 0.1}},
     }
