@@ -339,7 +339,7 @@ def test_who_waits_for_a_run_reads_why_beside_the_bar(
 
     monkeypatch.setattr(programs, "QUIET", 0.0)
     tmj.simulate(hanging(), None, FIXED, **SHORT)
-    assert capsys.readouterr().err.startswith("tensegrity-mj: JAX prepares this run; what it compiles is kept")
+    assert capsys.readouterr().err.startswith("tensegrity-mj: JAX prepares this run; programs of fixed steps are kept")
 
 
 @pytest.mark.parametrize("engine", [FINE, tmj.JAX(method="rk4", timestep=2e-3)], ids=["dopri8", "rk4"])  # type: ignore[arg-type]

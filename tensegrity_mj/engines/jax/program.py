@@ -300,7 +300,7 @@ def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any
     """Compile a function for arguments like these; if it takes long, print why."""
     from tqdm import tqdm  # which writes next to its bars
 
-    words = "tensegrity-mj: JAX prepares this run; what it compiles is kept for the next process"
+    words = "tensegrity-mj: JAX prepares this run; programs of fixed steps are kept for the next process"
     timer = threading.Timer(QUIET, lambda: tqdm.write(words, file=sys.stderr))
     timer.start()
     try:
