@@ -156,8 +156,8 @@ def test_panels_of_an_identification_have_one_prefix_and_whole_numbers() -> None
     row = {"name": "k", "deviation": 0.1, "value": 1.0, "high": 1.1, "start": 1.2}
     seen = {"eigenvalues": [6e3, 4e4]}
     white = {"lags": 1, "autocorrelation": [0.1], "bound": None}
-    told = result._told({"parameters": [row], "before": seen, "after": seen, "whiteness": white})
-    numbers = told.axes[1]
+    drawn = result._information_figure({"parameters": [row], "before": seen, "after": seen, "whiteness": white})
+    numbers = drawn.axes[1]
     assert list(numbers.lines[0].get_xdata()) == [1, 2]
     assert all(float(place).is_integer() for place in numbers.get_xticks())
 
