@@ -37,7 +37,7 @@ from tensegrity_mj.commands import (
 )
 from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
-from tensegrity_mj.commands.installed import installed
+from tensegrity_mj.commands.installed import commands_of_others
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 
 GROUPS: Groups = {
@@ -61,7 +61,7 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     """Make the parser of the whole command line; that of arguments which begin with an own command has no others."""
     first = next((word for word in arguments if not word.startswith("-")), "")
     own = any(first in group for group in GROUPS.values())
-    return build(GROUPS if own else {**GROUPS, **installed()}, DESCRIPTION, EPILOG)
+    return build(GROUPS if own else {**GROUPS, **commands_of_others()}, DESCRIPTION, EPILOG)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

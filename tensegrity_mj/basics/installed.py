@@ -1,4 +1,4 @@
-"""Entry points of installed packages, in three groups: `tensegrity_mj.elements`, `.laws` and `.families`.
+"""Entry points of installed packages, in the groups `tensegrity_mj.elements`, `.laws`, `.families` and `.commands`.
 
 Files name these by their names alone, so that a file runs no code that its reader has not installed.
 """

@@ -3,7 +3,7 @@
     [project.entry-points."tensegrity_mj.commands"]
     audit = "evidence.commands.audit"
 
-Each names a module as those of this package are, with its TOML file next to it.
+Each names a module like those of this package, with its TOML file beside it.
 """
 
 from __future__ import annotations
@@ -12,23 +12,21 @@ import functools
 from types import ModuleType
 
 from tensegrity_mj.commands.common import warn
-from tensegrity_mj.errors import printable_message
+from tensegrity_mj.errors import OptionError
 
-EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, a distribution next to this package
+EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, which stands beside this package
 MISSING = "comes with tensegrity-mj-evidence: in a checkout, install it with python -m pip install --editable evidence"
 
 
 @functools.cache
-def installed() -> dict[str, dict[str, ModuleType]]:
-    """The commands by the names of their distributions; one that cannot be imported is left out with a warning."""
-    from importlib.metadata import entry_points
+def commands_of_others() -> dict[str, dict[str, ModuleType]]:
+    """Return commands by the names of their distributions; warn of those that cannot be imported."""
+    from tensegrity_mj.basics.installed import installed, load
 
     found: dict[str, dict[str, ModuleType]] = {}
-    for point in sorted(entry_points(group="tensegrity_mj.commands")):
-        home = point.dist.name if point.dist else "others"
+    for name, point in sorted(installed("commands").items()):
         try:
-            found.setdefault(home, {})[point.name] = point.load()
-        except (ImportError, AttributeError) as error:
-            why = printable_message(str(error))
-            warn(f"command {point.name} of {home} cannot be loaded ({why}): install the version for this package")
+            found.setdefault(point.dist.name if point.dist else "others", {})[name] = load(point)
+        except OptionError as error:
+            warn(str(error))
     return {home: commands for home, commands in found.items() if commands}

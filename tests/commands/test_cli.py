@@ -29,12 +29,12 @@ from tensegrity_mj.commands import common, experiment, scenes
 from tensegrity_mj.commands.arguments import words_of
 from tensegrity_mj.commands.common import ExitCode, Outcome
 from tensegrity_mj.commands.doctor import Check
-from tensegrity_mj.commands.installed import installed
+from tensegrity_mj.commands.installed import commands_of_others
 from tensegrity_mj.pictures.page import write_report
 
 COMMANDS = {
     " ".join(filter(None, (name, inner))): command
-    for group in [*GROUPS.values(), *installed().values()]
+    for group in [*GROUPS.values(), *commands_of_others().values()]
     for name, module in group.items()
     for inner, command in getattr(module, "COMMANDS", {"": module}).items()
 }

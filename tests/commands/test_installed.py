@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands.installed import installed
+from tensegrity_mj.commands.installed import commands_of_others
 
 
 @pytest.fixture
@@ -18,9 +18,9 @@ def points(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
     """The entry points that are found, none at first."""
     found: list[EntryPoint] = []
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: found)
-    installed.cache_clear()
+    commands_of_others.cache_clear()
     yield found
-    installed.cache_clear()
+    commands_of_others.cache_clear()
 
 
 def test_the_commands_of_the_evidence_say_how_to_install_it(
@@ -41,7 +41,7 @@ def test_a_command_that_cannot_be_imported_is_left_out_with_a_warning(
     assert main(["weigh", "prism"]) == 0
     said = capsys.readouterr()
     assert said.out == "mass  3 kg\n"
-    assert "command broken of others cannot be loaded" in said.err
-    installed.cache_clear()
+    assert "tensegrity_mj.nowhere cannot be loaded" in said.err
+    commands_of_others.cache_clear()
     assert main(["scenes", "--json"]) == 0  # an own command looks for no others
     assert not capsys.readouterr().err

@@ -12,9 +12,9 @@ import pytest
 
 from tensegrity_mj.cli import GROUPS, main
 from tensegrity_mj.commands.arguments import words_of
-from tensegrity_mj.commands.installed import installed
+from tensegrity_mj.commands.installed import commands_of_others
 
-ALL = {**GROUPS, **installed()}
+ALL = {**GROUPS, **commands_of_others()}
 
 # Answers that the issue gives, or that follow from difflib's ratio (2 M / T over the letters that match, at least 0.6).
 MEANT = {
