@@ -8,6 +8,7 @@ imports. There dm-control is installed without its dependencies, and all of thes
 
 from __future__ import annotations
 
+import csv
 import sys
 from importlib import import_module, metadata
 from pathlib import Path
@@ -92,10 +93,12 @@ def half_removed(item: Requirement) -> list[str]:
 
 def _is_whole(name: str) -> bool:
     try:
-        files = metadata.files(name) or []
+        found = metadata.distribution(name)
     except metadata.PackageNotFoundError:
         return False
-    return all(Path(str(file.locate())).exists() for file in files if file.suffix != ".pyc")
+    # Not `files`, which lists no file that is gone from Python 3.12 on, and before it once importlib_metadata is imported.
+    files = [row[0] for row in csv.reader((found.read_text("RECORD") or "").splitlines()) if row]
+    return all(Path(str(found.locate_file(file))).exists() for file in files if not file.endswith(".pyc"))
 
 
 def requirements_of_dm_control() -> list[Requirement]:
