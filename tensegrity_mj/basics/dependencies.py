@@ -96,7 +96,7 @@ def _is_whole(name: str) -> bool:
         found = metadata.distribution(name)
     except metadata.PackageNotFoundError:
         return False
-    # Not `files`, which lists no file that is gone from Python 3.12 on, and before it once importlib_metadata is imported.
+    # Not `files`: from Python 3.12 on, and before it with importlib_metadata imported, it lists no file that is gone.
     files = [row[0] for row in csv.reader((found.read_text("RECORD") or "").splitlines()) if row]
     return all(Path(str(found.locate_file(file))).exists() for file in files if not file.endswith(".pyc"))
 
