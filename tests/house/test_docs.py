@@ -16,6 +16,7 @@ ELSEWHERE = {
     "docs/dm_control.md": "tests/learning/test_dm_control_viewer.py",
     "docs/format/running.md": "tests/model/test_textformat.py",
     "docs/format/scene.md": "tests/model/test_textformat.py",
+    "docs/gymnasium.md": "tests/learning/test_gymnasium.py",
     "docs/own-law.md": "tests/house/test_recipes.py",
     "docs/tutorial.md": "tests/house/test_tutorial.py",
     "docs/tutorials/controller.md": "tests/house/test_tutorial.py",
