@@ -66,6 +66,7 @@ def test_a_limit_that_nothing_showed_is_not_judged_and_what_nothing_explains_is_
         "scene": "x",
         "base": {
             "text": "x",
+            "stand_in": False,
             "engines": {
                 "discrete": none,
                 "euler": met,

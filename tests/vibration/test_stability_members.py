@@ -103,7 +103,8 @@ def test_a_page_says_which_structure_its_steps_are_of() -> None:
     engine = {"predicted": 0.0115, "measured": 0.0115, "ratio": 1.0, "agrees": True, "cause": "", "largest": 1.0}
     for name, words in (("prism", "with strings of 1000 N/m that are stretched by up to 2%"), ("net", "net as it is")):
         base, text = scene_at_rest(scene := tmj.load_scene(name))
-        assert words in judgement_of({"scene": name, "base": {"text": text, "engines": {"rk4": engine}}}).verdict
+        shown = {"text": text, "stand_in": False, "engines": {"rk4": engine}}
+        assert words in judgement_of({"scene": name, "base": shown}).verdict
         assert np.array_equal(base.structure.stiffness, scene.structure.stiffness) == (name == "net")
 
 
@@ -117,11 +118,11 @@ def test_what_hangs_on_one_string_has_a_stand_in() -> None:
         fixed_nodes=("hook",),
         point_masses=(tmj.PointMass("m", 1.0),),
     )
-    _, text = scene_at_rest(tmj.Scene(hung, gravity=(0.0, 0.0, -9.81)))
+    scene = tmj.Scene(hung, gravity=(0.0, 0.0, -9.81))
+    _, text = scene_at_rest(scene)
     assert text.startswith("a random taut structure of 1 rod")
     assert "in place of hung, which cannot be prestressed" in text
-    engine = {"predicted": 0.04, "measured": 0.04, "ratio": 1.0, "agrees": True, "cause": "", "largest": 1.0}
-    (found,) = judgement_of({"scene": "hung", "base": {"text": text, "engines": {"rk4": engine}}}).findings
+    (found,) = judgement_of(study_stability(scene, engines=("rk4",))).findings
     assert found.mark is Mark.UNJUDGED
 
 

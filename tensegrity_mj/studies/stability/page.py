@@ -87,8 +87,8 @@ def _findings(data: Data) -> Iterator[Finding]:
         known = not one["cause"].startswith(UNEXPLAINED)
         mark = Mark.LIMITED if known else Mark.BAD
         if one["agrees"]:
-            stands_in = "in place of" in data["base"]["text"]  # what is shown of another structure is no praise of this
-            mark = Mark.UNJUDGED if one["measured"] is None or stands_in else Mark.GOOD
+            # Agreement on a structure that stands in for this one is no praise of it.
+            mark = Mark.UNJUDGED if one["measured"] is None or data["base"]["stand_in"] else Mark.GOOD
             cause = "" if one["measured"] is None else f" (ratio {one['ratio']:.3f}, allowed 1 ± {AGREEMENT:g})"
         yield Finding(mark, f"{text}{cause}.")
     for name, words in DRAWN.items():

@@ -88,7 +88,11 @@ class StabilityStudy:
             "scene": scene.name,
             "engines": engines,
             "start": _start(scene, law, engines),
-            "base": {"text": text, "engines": {name: at_rest(base, name) for name in measured}},
+            "base": {
+                "text": text,
+                "stand_in": base.structure.node_names != scene.structure.node_names,
+                "engines": {name: at_rest(base, name) for name in measured},
+            },
         }
         if self.maps:
             data["maps"] = self._maps(base)
