@@ -1,8 +1,9 @@
-"""What imports what: the contracts of pyproject.toml are checked beside the tests; here is what they cannot see."""
+"""Rules that the contracts of pyproject.toml cannot express: imports at run time and of tests, lengths of modules."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -36,3 +37,30 @@ def test_tests_import_nothing_from_other_tests() -> None:
             if isinstance(node, ast.FunctionDef) and any("fixture" in ast.dump(one) for one in node.decorator_list):
                 places.setdefault(ast.dump(ast.Module(node.body, [])), []).append(f"{path.name}: {node.name}")
     assert not [where for where in places.values() if len(where) > 1]
+
+
+def reason_missing(source: str) -> str:
+    """Say how a module breaks the rule of CONTRIBUTING.md for its length, or nothing."""
+    long = len(source.splitlines()) > 500
+    reason = re.search(
+        r"^Longer than 500 lines: (?:\S+ ){3,}\S+", ast.get_docstring(ast.parse(source)) or "", re.MULTILINE
+    )
+    if long and not reason:
+        return "has more than 500 lines, and no line 'Longer than 500 lines: <the reason>' in its docstring"
+    return "gives a reason for more than 500 lines, and has fewer" if reason and not long else ""
+
+
+def test_a_module_of_more_than_500_lines_says_why() -> None:
+    rooms = ("tensegrity_mj", "controllers", "evidence")
+    files = [path for room in rooms for path in (ROOT / room).rglob("*.py") if "tests" not in path.parts]
+    assert len(files) > 300
+    assert not {path: said for path in files if (said := reason_missing(path.read_text(encoding="utf-8")))}
+
+
+def test_a_module_without_a_reason_is_found() -> None:
+    reason = '"""Equations.\n\nLonger than 500 lines: each equation uses the others.\n"""\n'
+    assert reason_missing("x = 1\n" * 500) == ""
+    assert "no line" in reason_missing("x = 1\n" * 501)
+    assert "no line" in reason_missing('"""Longer than 500 lines: yes."""\n' + "x = 1\n" * 500)
+    assert reason_missing(reason + "x = 1\n" * 500) == ""
+    assert "has fewer" in reason_missing(reason)
