@@ -26,7 +26,7 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing, owning
 from tensegrity_mj.dynamics.native.vectors import add, dot, minus, times, vector
 from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of, view_of
-from tensegrity_mj.engines.reference import dae_linked_kernels as linked_kernels
+from tensegrity_mj.engines.reference import dae_kernels as linked_kernels
 from tensegrity_mj.engines.reference.dae import DAE, EXTRA, Solver
 from tensegrity_mj.engines.reference.equations import halves
 from tensegrity_mj.engines.reference.integration import Equations

@@ -29,9 +29,8 @@ from tensegrity_mj.engines.reference.equations import (
     sample_law,
 )
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.marks import marks_of, turn_within
 from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
+from tensegrity_mj.engines.reference.pulls import LOOKS, marks_of, pulls_within, turn_within
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.model import rods
 from tensegrity_mj.runs.energy import check_energy

@@ -15,6 +15,7 @@ from typing import TypeAlias
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.dynamics.assembly import AssemblyRecords, needs_assembly, note_redundancy
+from tensegrity_mj.dynamics.joint_plan import plan_joints
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.views import Fields
@@ -161,18 +162,15 @@ def _check_masses(structure: Structure) -> None:
 
 def _rods_linked(request: Request) -> _Model:
     """Rods that share nodes, moved supports."""
-    from tensegrity_mj.dynamics.joint_plan import plan_joints
-    from tensegrity_mj.engines.reference import dae_linked_kernels as linked
-
-    scene, plant = request.scene, _plant(request, linked.LINKED)
+    scene, plant = request.scene, _plant(request, dae.LINKED)
     records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
     closures = len(records.forest.closures)
     plant.set(linked=records.table, joints=plan_joints(records), closure_count=closures)
     _check_masses(scene.structure)
     equations = Equations(
-        place=linked.linked_place,
-        accelerate=linked.linked_accelerate,
-        project=linked.linked_project,
+        place=dae.linked_place,
+        accelerate=dae.linked_accelerate,
+        project=dae.linked_project,
         extra=EXTRA if closures else 0,
     )
     return plant, records, equations
@@ -180,17 +178,15 @@ def _rods_linked(request: Request) -> _Model:
 
 def _assembled(request: Request, hung: bool) -> _Model:
     """Any structure as one system, where rods have places of their own, or are hung on others."""
-    from tensegrity_mj.engines.reference import dae_assembled_kernels as assembled
-
-    scene, plant = request.scene, _plant(request, assembled.ASSEMBLED)
+    scene, plant = request.scene, _plant(request, dae.ASSEMBLED)
     records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"], hung)
     note_redundancy(records.table, records.state(scene.nodes0, scene.velocities0)[0])
     constraints = len(scene.structure.constraints)
     plant.set(assembly=records.table, constraint_count=constraints)
     equations = Equations(
-        place=assembled.assembled_place,
-        accelerate=assembled.assembled_accelerate,
-        project=assembled.assembled_project,
+        place=dae.assembled_place,
+        accelerate=dae.assembled_accelerate,
+        project=dae.assembled_project,
         extra=EXTRA + constraints,
     )
     return plant, records, equations

@@ -9,15 +9,30 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native import compiling, resolution, slack
+from tensegrity_mj.dynamics.native import resolution, slack
+from tensegrity_mj.dynamics.native.actuation import remember, start_ledger
+from tensegrity_mj.dynamics.native.compiling import CFunction, njit
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
+from tensegrity_mj.dynamics.native.resolution import resolve_start
+from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.continuing import saved_state
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
-from tensegrity_mj.engines.reference import equations as kernels
-from tensegrity_mj.engines.reference.equations import SINGULAR, WORK
-from tensegrity_mj.engines.reference.rk4 import rk4_steps
+from tensegrity_mj.engines.reference.equations import (
+    SINGULAR,
+    WORK,
+    ModelView,
+    break_due_strings,
+    guard,
+    observe,
+    project,
+    rates,
+    rates_of_state,
+    sample_law,
+)
+from tensegrity_mj.engines.reference.located import Room, located_step, rk4_stages
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import blame_divergence, check_energy
@@ -36,10 +51,10 @@ class Equations:
         explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
-    place: compiling.CFunction
-    accelerate: compiling.CFunction
-    project: compiling.CFunction | None = None
-    guard: compiling.CFunction | None = None
+    place: CFunction
+    accelerate: CFunction
+    project: CFunction | None = None
+    guard: CFunction | None = None
     extra: int = 0
     explain_singular: Callable[[float], str] = str
 
@@ -66,7 +81,7 @@ class IntegratedRun:
             y[2 * nq] = request.begin
         self.multipliers = np.zeros(len(scene.structure.rods) + equations.extra)
         functions = {name: getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
-        functions["rates"] = kernels.rates_of_state
+        functions["rates"] = rates_of_state
         plant.set(**{f"{name}_function": one.address if one else 0 for name, one in functions.items()})
         self.y = np.concatenate([y, plant.elements.states[0]])
         plant.set(coordinates=nq, state_size=len(y), gravity=np.array(scene.gravity), multipliers=self.multipliers)
@@ -87,8 +102,8 @@ class IntegratedRun:
         out = np.empty(len(y))
         if self.request.scene.motions:
             y[2 * self.records.nq] = time
-        kernels.break_due_strings(time, y, self.table)
-        if SINGULAR in (kernels.guard(y, self.table), status := kernels.rates(time, y, out, self.table)):
+        break_due_strings(time, y, self.table)
+        if SINGULAR in (guard(y, self.table), status := rates(time, y, out, self.table)):
             raise OptionError(self.equations.explain_singular(time))
         self.plant.raise_if_failed(max(status, self.plant["status"]), time)
         if status == NO_SOLUTION:
@@ -167,8 +182,8 @@ class IntegratedRun:
         recorded_times = np.concatenate([times[times < time - 0.5 * step], [time]])
         if status == SINGULAR:
             message = self.equations.explain_singular(time)
-            kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
-            kernels.observe(self.y, self.table, rows[len(recorded_times) - 1])
+            rates(time, self.y, np.empty(len(self.y)), self.table)
+            observe(self.y, self.table, rows[len(recorded_times) - 1])
             run = recorded(recorded_times, Status.SINGULAR, message)
             check_energy(run, remedy)
             return run
@@ -180,3 +195,70 @@ class IntegratedRun:
             raise
         blame_divergence(partial, self.plant, time, remedy)
         return recorded(recorded_times, Status.INFEASIBLE, self.plant.infeasible_message(time))
+
+
+@njit
+def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int]:
+    """`count` classical Runge-Kutta steps from number `first`; returns (step reached, status, evaluations).
+
+    Args:
+        table: of the plant, with the grid of steps and the rows.
+        y: the state, which is advanced.
+        first, count: number of the first step, and how many to take.
+
+    y is always a state that the model can hold: that of the step returned.
+    """
+    model, size, evaluations = ModelView(table), len(y), 0
+    h, total, stride, ratio, rows = model.step, model.total, model.stride, model.ratio, model.rows
+    k = np.empty((8, size))
+    room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
+    known, answer = False, SOLVED  # whether k_end is dy/dt here, and what was answered
+    begin = model.first_step
+    row = (first - begin + stride - 1) // stride
+    stop = first + count
+    for n in range(first, stop + 1 if stop == total else stop):
+        t, last = n * h, n == total
+        status = SOLVED
+        broke = break_due_strings(t, y, table)
+        if ratio > 0 and n % ratio == 0:
+            status = sample_law(t, y, table)
+            if n == 0:
+                start_ledger(table)
+        model.arrived = model.yielding
+        if known and not broke and not last and not model.yielding:
+            room.k1[:] = room.k_end
+        else:
+            answer = rates(t, y, room.k1, table)
+            evaluations += not last
+        if answer > NO_SOLUTION:
+            status = answer
+        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else answer == SOLVED)
+        resolve_start(table, h)
+        if n == 0 and ratio == 0:
+            start_ledger(table)
+        if ratio == 0:
+            status = answer
+            if status == SOLVED and model.mode == CONTINUOUS:
+                remember(table)
+        if status > NO_SOLUTION or (status == NO_SOLUTION and not model.passive) or (model.status != 0 and not last):
+            observe(y, table, rows[row])
+            return n, max(status, model.status), evaluations
+        if (n - begin) % stride == 0 or last:
+            observe(y, table, rows[row])
+            row += 1
+        if last:
+            return n, SOLVED, evaluations
+        if model.search:
+            worst, took, known, answer = located_step(table, n, h, y, room)
+            evaluations += took
+        else:
+            worst = rk4_stages(table, t, h, y, room, room.x)
+            evaluations += 3
+            if worst <= NO_SOLUTION:
+                project(room.x, table)
+        if worst <= NO_SOLUTION:
+            worst = guard(room.x, table)
+        if worst > NO_SOLUTION:
+            return n, worst, evaluations
+        y[:] = room.x
+    return stop, SOLVED, evaluations
