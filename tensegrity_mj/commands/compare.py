@@ -16,7 +16,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
+from tensegrity_mj.runs.comparison import DIFFERENCES, UNITS
 
 if TYPE_CHECKING:
     Run = runs.Trajectory | runs.Table

@@ -305,7 +305,7 @@ def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _text(data: dict[str, Any]) -> str:
-    from tensegrity_mj.statics.words import counted
+    from tensegrity_mj.statics.listing import counted
 
     control, contact, spun = data["control"], data["contact"], data["mujoco_velocities"]
     fixed = f", fixed: {', '.join(data['fixed_nodes'])}" if data["fixed_nodes"] else ""

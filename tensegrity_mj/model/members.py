@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -16,7 +17,6 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import rows
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.section import Section
-from tensegrity_mj.model.strings import StringLaw
 
 Vector = tuple[float, float, float]
 
@@ -27,6 +27,13 @@ LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
 LENGTH = kinds.number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
 STIFFNESS = kinds.number("> 0 N/m, or 0 N/m for a constant force", lambda x: x >= kinds.SMALLEST or x == 0, minimum=0)
 GROUP = kinds.printable_name("the name of a group, a non-empty string of printable characters")
+
+
+class StringLaw(enum.Enum):
+    """Law of taut strings: total tension clipped at zero (a real string), or not."""
+
+    CLIPPED = "clipped"
+    UNCLIPPED = "unclipped"
 
 
 @value("support", StructureError)

@@ -18,22 +18,14 @@ the force density u [N/m] of the thesis, (2.58); its inverse is L0 = L (1 - u/k)
 
 from __future__ import annotations
 
-import enum
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.members import StringLaw as StringLaw
 from tensegrity_mj.model.tension_curves import TensionCurves
 
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string is at the edge of slackness
-
-
-class StringLaw(enum.Enum):
-    """Law of taut strings: total tension clipped at zero (a real string), or not."""
-
-    CLIPPED = "clipped"
-    UNCLIPPED = "unclipped"
 
 
 def elastic_tension(stiffness: ArrayLike | TensionCurves, length: ArrayLike, rest_length: ArrayLike) -> Array:

@@ -23,11 +23,10 @@ from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.from_arrays import joined_rods, members_from
-from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
+from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, StringLaw, Support, Vector, lumps_of
 from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure_checks import check_structure, check_two_nodes
 from tensegrity_mj.model.tension_curves import TensionCurves
 

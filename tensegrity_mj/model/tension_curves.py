@@ -16,15 +16,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.members import String
+from tensegrity_mj.model.members import String
 
 
 @dataclass(frozen=True, eq=False)

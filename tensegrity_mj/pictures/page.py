@@ -25,8 +25,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.figure import print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.one_prefix import one_prefix
-from tensegrity_mj.runs.comparison import Comparison
-from tensegrity_mj.runs.differences import DIFFERENCES
+from tensegrity_mj.runs.comparison import DIFFERENCES, Comparison
 from tensegrity_mj.runs.judgement import doubts, verdict
 from tensegrity_mj.runs.trajectory import Trajectory
 

@@ -54,7 +54,7 @@ from tensegrity_mj.pictures.run_panels import (
     target_nodes,
     tensions,
 )
-from tensegrity_mj.runs.differences import DIFFERENCES
+from tensegrity_mj.runs.comparison import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -5,22 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import at_a_glance, unknown, value_text
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
-from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
-from tensegrity_mj.runs.summary import rows_of_comparison
 from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
+
+class Difference(NamedTuple):
+    """A quantity that two runs may differ in: what its error is called, what it is of, and the unit of both."""
+
+    words: str
+    of: str
+    unit: str
+
+
+DIFFERENCES = {name: Difference(*row) for name, row in table_beside(__file__).items()}
+UNITS = tuple(dict.fromkeys(difference.unit for difference in DIFFERENCES.values()))
 ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
 OF_TABLES = ("by_node", "resampling_error", "missing_nodes", "unknown_nodes", "times_outside")
+# What a comparison's lines have.
+GROUPS = {
+    "motion": ("node_error", "velocity_error"),
+    "forces": ("tension_error", "rod_force_error", "force_density_error"),
+    "others": ("rest_length_error", "energy_error"),
+}
 
 
 def _largest(name: str) -> property:
@@ -85,7 +102,7 @@ class Comparison:
     max_energy_error = _largest("energy_error")
 
     def __repr__(self) -> str:
-        return at_a_glance(rows_of_comparison(self))
+        return at_a_glance(_rows_of(self))
 
     def tolerance_of(self, name: str) -> float:
         """The tolerance of one of `NAMES`, in its unit; NaN where none was given."""
@@ -117,6 +134,24 @@ class Comparison:
             "to": float(self.time[-1]),
             **({name: getattr(self, name) for name in OF_TABLES} if self.resampling_error else {}),
         }
+
+
+def _rows_of(comparison: Comparison) -> list[tuple[str, str]]:
+    """Rows (name, line) of a comparison: runs, times, largest differences in their units, and tolerances exceeded."""
+    between = " and ".join(name or "a run" for name in (comparison.first, comparison.second))
+    time = comparison.time
+    rows = [("between", between), ("time", f"{time[0]:g} to {time[-1]:g} s, {len(time)} common times")]
+    for group, names in GROUPS.items():
+        found = [
+            f"{DIFFERENCES[name].words.removesuffix(' error')} "
+            f"{quantity(getattr(comparison, f'max_{name}'), DIFFERENCES[name].unit)}"
+            for name in names
+            if name in comparison.compared
+        ]
+        rows += [(group, ", ".join(found))] if found else []
+    since = {DIFFERENCES[name].words: when for name, when in comparison.first_exceeded.items() if when is not None}
+    beyond = ", ".join(f"{words} from {quantity(when, 's')}" for words, when in since.items())
+    return rows + ([("beyond", beyond or "no tolerance")] if comparison.first_exceeded else [])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # runs that diverged: what is not finite shows in the result

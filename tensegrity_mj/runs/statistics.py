@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,9 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.units import quantity as shown
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.recorded import RecordedRun
 from tensegrity_mj.runs.variables import AXES, labels_of
-
-if TYPE_CHECKING:
-    from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.water_loads import water_loads
 
 OF_WATER = {"water_load": "rod", "string_water_load": "string"}
 UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s"} | dict.fromkeys(OF_WATER, "N")
@@ -125,7 +124,7 @@ class Statistics:
         return "\n".join([head, *(f"{name}: {words}" for name, words in self.lines())])
 
 
-def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -> Statistics:
+def statistics(run: RecordedRun, quantity: str = "tension", after: float = 0.0) -> Statistics:
     """The statistics of what a run recorded from a time on.
 
     Args:
@@ -148,7 +147,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
         found = (run.tensions if quantity == "tension" else run.rod_forces)[..., None]
     else:
         members = labels[of or "node"]
-        found = run.water_loads(of) if of else run.nodes if quantity == "position" else run.velocities
+        found = water_loads(run, of) if of else run.nodes if quantity == "position" else run.velocities
     if run.scene.structure.ropes and (quantity == "tension" or of == "string"):
         members, found, parts = _as_given(run, members, found, quantity == "tension")
     axes = [""] if found.shape[-1] == 1 else [f".{axis}" for axis in AXES]
@@ -158,7 +157,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
 
 
 def _as_given(
-    run: Trajectory, names: Sequence[str], values: Array, is_mean: bool
+    run: RecordedRun, names: Sequence[str], values: Array, is_mean: bool
 ) -> tuple[tuple[str, ...], Array, int]:
     """Regroup strings' values (T, M, k): those of strings as given, then those of the parts of strings with mass.
 

@@ -1,12 +1,13 @@
-"""The NetCDF files of runs: what they hold of a run, and reading it back, exactly or with a message that says why not.
+"""Files of runs: NetCDF, read back exactly or refused with a reason; and tables for xarray, pandas, CSV and MATLAB.
 
-They follow the CF conventions (https://cfconventions.org) where these fit: `units` are udunits', where a law or an
-element defines the unit there is a `unit_note` in their place, and each dimension has coordinates, which are names but
-for time. Nothing in a file depends on when it was written.
+NetCDF files follow the CF conventions (https://cfconventions.org) where these fit: `units` are udunits', where a law or
+an element defines the unit there is a `unit_note` in their place, and each dimension has coordinates, which are names
+but for time. Nothing in a file depends on when it was written.
 """
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 from collections.abc import Mapping
@@ -16,25 +17,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.dependencies import optional
 from tensegrity_mj.basics.files import path_of
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.matfile import legal_names, save_mat
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs import variables as known
 from tensegrity_mj.runs.ends import parts_of
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
+from tensegrity_mj.runs.recorded import RecordedRun
 from tensegrity_mj.runs.water_loads import loaded_by_water
+from tensegrity_mj.runs.water_loads import water_loads as loads_of_water
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
+
     from tensegrity_mj.runs.netcdf import Variables
-    from tensegrity_mj.runs.trajectory import Trajectory
 
 FORMAT = 2
 CONVENTIONS = "CF-1.11"
 MOST_PACKED = 1032  # bytes that one byte of a file may stand for: the most that its compression, deflate, achieves
 
 
-def recorded(run: Trajectory, water_loads: bool = False) -> dict[str, tuple[tuple[str, ...], str, str, Array]]:
+def recorded(run: RecordedRun, water_loads: bool = False) -> dict[str, tuple[tuple[str, ...], str, str, Array]]:
     """Dimensions, unit, meaning and values of what a run has; with loads of water on members, where these are wanted.
 
     Raises:
@@ -44,11 +51,11 @@ def recorded(run: Trajectory, water_loads: bool = False) -> dict[str, tuple[tupl
     if water_loads:
         kinds = loaded_by_water(run.scene) or ("rod",)  # of which the message is that there is no water
         wanted = {name: about for name, about in known.LOADS.items() if about[0][1] in kinds}
-        found |= {name: (*about, run.water_loads(about[0][1])) for name, about in wanted.items()}
+        found |= {name: (*about, loads_of_water(run, about[0][1])) for name, about in wanted.items()}
     return found
 
 
-def variables_in_file(run: Trajectory, water_loads: bool = False) -> Variables:
+def variables_in_file(run: RecordedRun, water_loads: bool = False) -> Variables:
     """Dimensions, values and attributes of all that a file holds of a run: its coordinates first, then the rest."""
     labels = {
         name: ((name,), names, {"long_name": known.LABELS[name]}) for name, names in known.labels_of(run.scene).items()
@@ -67,7 +74,7 @@ def _units(unit: str) -> dict[str, str]:
     return {"unit_note": unit} if " " in unit else {"units": unit}
 
 
-def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
+def attributes_in_file(run: RecordedRun) -> dict[str, str | int]:
     """The attributes of a run's file: those of CF, then what `read_run` makes the run of."""
     from tensegrity_mj.model.text.writing import scene_to_toml
 
@@ -89,7 +96,7 @@ def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
     }
 
 
-def write_run(run: Trajectory, path: Path, water_loads: bool = False) -> None:
+def write_run(run: RecordedRun, path: Path, water_loads: bool = False) -> None:
     """Write the NetCDF-4 file of a run."""
     write_netcdf(path, variables_in_file(run, water_loads), attributes_in_file(run))
 
@@ -256,3 +263,77 @@ def _without_functions(scene: Scene, time: Array) -> Scene:
         motions = [motion if motion.function is None else motion.sampled(times) for motion in scene.motions]
         scene = scene.with_(motions=motions)
     return scene
+
+
+# What a column is called after its member: "n1.x", "s1.tension".
+VECTORS = {
+    "nodes": known.AXES,
+    "velocities": ("vx", "vy", "vz"),
+    "water_loads": ("water_x", "water_y", "water_z"),
+    "string_water_loads": ("drag_x", "drag_y", "drag_z"),  # a rod may have the same name
+}
+OF_MEMBERS = {
+    "force_densities": "force_density",
+    "rest_lengths": "rest_length",
+    "tensions": "tension",
+    "multipliers": "multiplier",
+    "rod_force_densities": "rod_force_density",
+}
+
+
+def columns_of(run: RecordedRun, water_loads: bool = False) -> tuple[list[str], Array]:
+    """The names (K,) and the values (T, K) of what `recorded` has, time first; units as in `VARIABLES`."""
+    labels, names, values = known.labels_of(run.scene), [], []
+    for name, (dimensions, _, _, array) in recorded(run, water_loads).items():
+        members: tuple[str, ...] = labels[dimensions[1]] if len(dimensions) > 1 else ()
+        if name in VECTORS:
+            names += [f"{member}.{axis}" for member in members for axis in VECTORS[name]]
+        elif name in OF_MEMBERS:
+            names += [f"{member}.{OF_MEMBERS[name]}" for member in members]
+        else:
+            names += members or [name]
+        values.append(array.reshape(len(array), int(np.prod(array.shape[1:]))))
+    return names, np.hstack(values)
+
+
+def to_xarray(run: RecordedRun, water_loads: bool = False) -> xarray.Dataset:
+    """Dataset of a run, as `xarray.open_dataset` reads its file, with loads of water where they are wanted."""
+    xr = optional("xarray", "run.to_xarray()")
+    held = {
+        name: (dimensions, np.array(values), attributes)
+        for name, (dimensions, values, attributes) in variables_in_file(run, water_loads).items()
+    }
+    coordinates = {name: held.pop(name) for name in ("time", *known.labels_of(run.scene))}
+    return xr.Dataset(held, coordinates, attributes_in_file(run))
+
+
+def to_dataframe(run: RecordedRun, water_loads: bool = False) -> pandas.DataFrame:
+    """A row for each time, which is the index; columns as `columns_of` names them, and loads of water, where wanted."""
+    pd = optional("pandas", "run.to_dataframe()")
+    names, values = columns_of(run, water_loads)
+    return pd.DataFrame(values[:, 1:], index=pd.Index(values[:, 0], name=names[0]), columns=names[1:])
+
+
+def write_csv(run: RecordedRun, path: Path, water_loads: bool = False) -> None:
+    """The columns of `columns_of` below their names; every number as exactly as it is."""
+    names, values = columns_of(run, water_loads)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(values.tolist())
+
+
+def write_mat(run: RecordedRun, path: Path, water_loads: bool = False) -> None:
+    """The arrays of a run, what stands along their dimensions, and the numbers of members there, counted from 1.
+
+    In MATLAB: `plot(time, tensions(:, string_number.s1))`.
+    """
+    found = recorded(run, water_loads)
+    data: dict[str, Any] = {name: values for name, (_, _, _, values) in found.items()}
+    for dimension, names in known.labels_of(run.scene).items():
+        data[f"{dimension}_names"] = names
+        if names:
+            data[f"{dimension}_number"] = {name: float(k + 1) for k, name in enumerate(legal_names(names))}
+    data["units"] = {name: unit for name, (_, unit, _, _) in found.items()}
+    data["about"] = attributes_in_file(run)
+    save_mat(path, data)

@@ -1,25 +1,19 @@
-"""Trajectories: what every engine returns, saves and loads. Nodes in the world frame, SI units."""
+"""Trajectories: the run that every engine returns, saves, loads and analyses. Nodes in the world frame, SI units."""
 
 from __future__ import annotations
 
-import math
+import base64
 import os
-from dataclasses import dataclass, field, fields, replace
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tensegrity_mj.basics import files, seconds, texts
+from tensegrity_mj.basics import files, pictured, texts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known, finite
-from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.element import energy_of, state_names
-from tensegrity_mj.model.elements.resistance import bending_energy
-from tensegrity_mj.model.rods import lengths
-from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.summary import html_of, rows_of
-from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
+from tensegrity_mj.errors import printable
+from tensegrity_mj.runs.recorded import RecordedRun
 from tensegrity_mj.runs.variables import Status as Status
 
 if TYPE_CHECKING:
@@ -28,11 +22,11 @@ if TYPE_CHECKING:
 
     from tensegrity_mj.runs.statistics import Statistics
 
+MOST_LETTERS = 100  # of a line of the summary
 SUFFIXES = (".nc", ".csv", ".mat")  # of the files that a run is saved as
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(RecordedRun):
     """One simulated run: arrays over time as in `VARIABLES`, and where they come from.
 
     It has no samples where a run diverged at its very start.
@@ -48,147 +42,15 @@ class Trajectory:
         constraint_forces: (T, C) [N] of the linear constraints; times a node's weight is what acts on that node.
     """
 
-    scene: Scene
-    time: Array
-    nodes: Array
-    velocities: Array
-    force_densities: Array
-    rest_lengths: Array
-    tensions: Array
-    multipliers: Array
-    rod_force_densities: Array
-    kinetic_energy: Array
-    gravity_energy: Array
-    string_energy: Array
-    winch_work: Array
-    external_work: Array
-    dissipation: Array
-    feasibility_margin: Array
-    lyapunov: Array
-    lyapunov_error: Array
-    lyapunov_velocity: Array
-    allocation_residual: Array
-    status: Status = Status.COMPLETED
-    message: str = ""
-    engine: str = ""
-    cost: dict[str, float] = field(default_factory=dict)
-    reports: dict[str, Any] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
-    element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    constraint_forces: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
     def __repr__(self) -> str:
-        return texts.at_a_glance(rows_of(self))
+        return texts.at_a_glance(_rows_of(self))
 
     def _repr_html_(self) -> str:
-        return html_of(self)
-
-    @property
-    def timestep(self) -> float:
-        """Fixed step of the engine [s]; NaN where it chose its steps."""
-        step = self.provenance.get("engine", {}).get("timestep")
-        return math.nan if step is None else float(step)
-
-    @property
-    def seconds_per_evaluation(self) -> float:
-        """Wall time [s] of the steps by evaluations of the right-hand side (`cost`); NaN where there were none."""
-        return self.cost.get("wall_time", math.nan) / (self.cost.get("evaluations") or math.nan)
-
-    @property
-    def element_state_names(self) -> tuple[str, ...]:
-        """Names (S,) of `element_states`, such as "elements[0] Maxwell: s1"."""
-        return state_names(self.scene)
-
-    @property
-    def bending_energy(self) -> Array:
-        """Energy stored in bent joints (T,) [J]; zero where the scene's `resistance` has no such stiffness."""
-        return bending_energy(self.scene, self.nodes)
-
-    @property
-    def element_energy(self) -> Array:
-        """Energy stored in the scene's elements (T,) [J], bent joints among them."""
-        return energy_of(self.scene.effects, self.scene, self.nodes, self.element_states)
-
-    @property
-    def energy_balance(self) -> Array:
-        """Energy gained minus winch work minus external work plus dissipation (T,) [J]; zero if exact."""
-        energy = self.kinetic_energy + self.gravity_energy + self.string_energy + self.element_energy
-        return energy - energy[:1] - self.winch_work - self.external_work + self.dissipation
-
-    @property
-    def energy_residual(self) -> float:
-        """Largest absolute entry of the energy balance [J]."""
-        return float(np.max(np.abs(self.energy_balance), initial=0.0))
-
-    @property
-    def permanent_stretch(self) -> Array:
-        """Permanent stretch (T, M) [m] of strings that yield, by the last sample that pulled; zero of all others."""
-        structure = self.scene.structure
-        if not structure.curves.yields.any():
-            return np.zeros_like(self.rest_lengths)
-        lengths = structure.string_lengths(self.nodes)
-        elastic = self.force_densities * lengths
-        known = structure.curves.yields & (elastic > 0)
-        left = np.where(known, lengths - self.rest_lengths - elastic / np.where(known, structure.stiffness, 1.0), 0.0)
-        return np.asarray(np.maximum.accumulate(np.maximum(left, 0.0), axis=0))
-
-    @property
-    def max_force_density(self) -> float:
-        """Largest u over strings and time [N/m]."""
-        return float(np.max(self.force_densities, initial=0.0))
-
-    @property
-    def min_feasibility_margin(self) -> float:
-        """Smallest margin over time; NaN where no law reports one."""
-        finite = self.feasibility_margin[~np.isnan(self.feasibility_margin)]
-        return float(np.min(finite)) if finite.size else float("nan")
-
-    @property
-    def error_estimate(self) -> float:
-        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was requested.
-
-        `reports["accuracy"]["settled"]` states whether it can be relied on.
-        """
-        return float(self.reports.get("accuracy", {}).get("error_estimate", float("nan")))
-
-    def target_error(self) -> Array:
-        """Largest distance (T,) [m] of a node, ropes' apart, from its target at each time; NaN without a target."""
-        if self.scene.target is None:
-            return np.full(len(self.time), np.nan)
-        from tensegrity_mj.dynamics.target import target_nodes
-
-        aims = target_nodes(self.scene.structure.massless, self.scene.target, self.time)
-        return np.max(np.linalg.norm(self.nodes[:, : aims.shape[1]] - aims, axis=-1), axis=1)
-
-    def position(self, node: str) -> Array:
-        """Position (T, 3) [m] of a node by its name; OptionError where there is none."""
-        return np.asarray(self.nodes[:, self._number("node", node)])
-
-    def velocity(self, node: str) -> Array:
-        """Velocity (T, 3) [m/s] of a node by its name; OptionError where there is none."""
-        return np.asarray(self.velocities[:, self._number("node", node)])
-
-    def tension(self, string: str) -> Array:
-        """Tension (T,) [N] of a string by its name, the mean along one with mass; OptionError where there is none."""
-        rows, shares = self.parts_of(string)
-        return np.asarray(self.tensions[:, rows] @ shares)
-
-    def rest_length(self, string: str) -> Array:
-        """Rest length (T,) [m] of a string by its name, one with mass as a whole; OptionError where there is none."""
-        return np.asarray(self.rest_lengths[:, self.parts_of(string)[0]].sum(axis=1))
-
-    def length(self, string: str) -> Array:
-        """Length (T,) [m] of a string by its name, of one with mass along its parts; OptionError if there is none."""
-        return np.asarray(self.scene.structure.string_lengths(self.nodes)[:, self.parts_of(string)[0]].sum(axis=1))
-
-    @property
-    def rod_forces(self) -> Array:
-        """Forces (T, R) [N] along the rods, negative in compression."""
-        return np.asarray(self.rod_force_densities * lengths(self.scene.structure, self.nodes))
-
-    def rod_force(self, rod: str) -> Array:
-        """Force (T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
-        return np.asarray(self.rod_forces[:, self._number("rod", rod)])
+        """Summary as a table, and below it a plot of the tensions, or of heights where nothing pulls."""
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _rows_of(self))
+        plot = pictured.draw(self)
+        shown = "" if plot is None else f'<img src="data:image/png;base64,{base64.b64encode(plot).decode()}">'
+        return f"<table>{cells}</table>{shown}"
 
     def water_loads(self, of: str = "rod") -> Array:
         """The force of the water on each "rod" (T, R, 3), or "string" (T, M, 3) [N]; see `runs.water_loads`."""
@@ -207,19 +69,6 @@ class Trajectory:
 
         return statistics(self, quantity, after)
 
-    def parts_of(self, string: str) -> tuple[list[int], Array]:
-        """The rows of what a string is made of, itself alone unless it has mass, and what part of it each is."""
-        rope = next((one for one in self.scene.structure.ropes if one.string.name == string), None)
-        if rope is None:
-            return [self._number("string", string)], np.ones(1)
-        first = self._number("string", rope.parts[0].name)
-        return list(range(first, first + len(rope.parts))), rope.shares
-
-    def _number(self, dimension: str, name: str) -> int:
-        names = labels_of(self.scene)[dimension]
-        check_known(f"the run of '{self.scene.name}'", name, names, dimension)
-        return names.index(name)
-
     def to_xarray(self, water_loads: bool = False) -> xarray.Dataset:
         """The run as `xarray.open_dataset` reads its file: `run.to_xarray().tensions.sel(string="s1")`.
 
@@ -228,7 +77,7 @@ class Trajectory:
         Raises:
             MissingPackageError: where xarray is not installed.
         """
-        from tensegrity_mj.runs.tables import to_xarray
+        from tensegrity_mj.runs.stored import to_xarray
 
         return to_xarray(self, water_loads)
 
@@ -240,7 +89,7 @@ class Trajectory:
         Raises:
             MissingPackageError: where pandas is not installed.
         """
-        from tensegrity_mj.runs.tables import to_dataframe
+        from tensegrity_mj.runs.stored import to_dataframe
 
         return to_dataframe(self, water_loads)
 
@@ -256,9 +105,9 @@ class Trajectory:
         destination = files.checked(path, SUFFIXES, "trajectory")
         match destination.suffix.lower():
             case ".csv":
-                from tensegrity_mj.runs.tables import write_csv as write
+                from tensegrity_mj.runs.stored import write_csv as write
             case ".mat":
-                from tensegrity_mj.runs.tables import write_mat as write
+                from tensegrity_mj.runs.stored import write_mat as write
             case _:
                 from tensegrity_mj.runs.stored import write_run as write
         with files.replacing(destination) as part:
@@ -277,22 +126,21 @@ class Trajectory:
 
         return cls(**read_run(path))
 
-    def at(self, time: float | str) -> Trajectory:
-        """The run up to its sample at a time [s], from which `simulate` goes on; OptionError where there is none."""
-        time = finite("time", seconds.read(time), " [s]")
-        row = int(np.searchsorted(self.time, time * (1 - 1e-9)))
-        if row == len(self.time) or self.time[row] > time * (1 + 1e-9):
-            nearest = " and ".join(f"{one:.9g} s" for one in self.time[max(row - 1, 0) : row + 1])
-            raise OptionError(f"the run of '{self.scene.name}' has no sample at {time:.9g} s; the nearest: {nearest}")
-        found = self.until(row + 1)
-        return found if found is self else replace(found, status=Status.COMPLETED, message="")
 
-    def until(self, count: int) -> Trajectory:
-        """The first `count` samples."""
-        if count == len(self.time):
-            return self
-        kept = {key: one for key, one in self.provenance.items() if key != "end"}  # the state of another time
-        return replace(self, provenance=kept, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
-
-
-assert {*VARIABLES, *STATES, *DICTIONARIES} < {f.name for f in fields(Trajectory)}
+def _rows_of(run: RecordedRun) -> list[tuple[str, str]]:
+    """Rows (name, line) of a run's summary: scene, engine, time, status and errors."""
+    structure = run.scene.structure
+    size = f"{len(structure.nodes)} nodes, {len(structure.rods)} rods, {len(structure.strings)} strings"
+    span = f"{run.time[0]:g} to {run.time[-1]:g} s, " if len(run.time) else ""
+    warnings = run.reports.get("warnings", [])
+    error = f"energy off by {run.energy_residual:.2g} J"
+    if warnings:
+        error += f"; {len(warnings)} warning{'s' * (len(warnings) > 1)}: {warnings[0]}"
+    rows = [
+        ("run of", f"{run.scene.name}: {size}"),
+        ("engine", run.engine),
+        ("time", f"{span}{len(run.time)} samples"),
+        ("status", run.status.value + (f": {run.message}" if run.message else "")),
+        ("errors", error),
+    ]
+    return [(name, texts.shortened(printable(text), MOST_LETTERS)) for name, text in rows]

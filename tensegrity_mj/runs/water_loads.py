@@ -7,8 +7,6 @@ their third derivative between samples h apart, and more at the ends of the run.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -17,9 +15,7 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.water import rod_loads, samples_at_once, string_loads
 from tensegrity_mj.model.scene import Scene
-
-if TYPE_CHECKING:
-    from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.recorded import RecordedRun
 
 # What a scene in water lacks whose members of a kind have no loads.
 ABSENT = {"rod": "rods", "string": "string_diameter in its water, by which strings take drag"}
@@ -30,7 +26,7 @@ def loaded_by_water(scene: Scene) -> tuple[str, ...]:
     return () if scene.water is None else scene.water_segments.kinds
 
 
-def water_loads(run: Trajectory, of: str = "rod") -> Array:
+def water_loads(run: RecordedRun, of: str = "rod") -> Array:
     """The force [N] of the water on each rod (T, R, 3), or on each string (T, M, 3), in the world frame.
 
     Raises:
@@ -44,7 +40,7 @@ def water_loads(run: Trajectory, of: str = "rod") -> Array:
     return _on_rods(run) if of == "rod" else _on_strings(run)
 
 
-def _on_strings(run: Trajectory) -> Array:
+def _on_strings(run: RecordedRun) -> Array:
     """Loads (T, M, 3) [N] on strings."""
     scene, paths = run.scene, run.scene.structure.paths
     found, piece = np.zeros((len(run.time), len(paths.ranges), 3)), samples_at_once(scene)
@@ -55,7 +51,7 @@ def _on_strings(run: Trajectory) -> Array:
     return found
 
 
-def _on_rods(run: Trajectory) -> Array:
+def _on_rods(run: RecordedRun) -> Array:
     """Loads (T, R, 3) [N] on rods."""
     if len(run.time) < 2:
         raise OptionError(f"water_loads: the run has {len(run.time)} samples; two are needed for accelerations")

@@ -31,8 +31,8 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES, sizes_of
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.statics.words import counted
 
 Flags = NDArray[np.bool_]
 

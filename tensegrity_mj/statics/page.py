@@ -20,17 +20,16 @@ from tensegrity_mj.pictures.curves import draw_curves
 from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figure, note
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.ticks import prefix_ticks
+from tensegrity_mj.statics.findings import judgement, reactions
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path_steps import Kind
 from tensegrity_mj.statics.response import Response
-from tensegrity_mj.statics.words import reactions
+from tensegrity_mj.statics.result import StaticResult
+from tensegrity_mj.statics.state import StaticState
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from tensegrity_mj.statics.state import StaticState
-    from tensegrity_mj.statics.study import StaticStudy
 
 
 USES = {"member": "member", "criterion": "criterion", "force": "force [N]", "limit": "limit [N]"}  # heads of a `Use`
@@ -41,7 +40,7 @@ EXPLAINED = (
 )
 
 
-def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path:
+def write_statics_page(path: str | os.PathLike[str], study: StaticResult) -> Path:
     """Write it; returns its path.
 
     Raises:
@@ -63,15 +62,15 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
     if study.run is not None:
         uses = [Table.of("largest uses", USES, plain(study.run.uses), folded=True)] if study.run.uses else []
         sections.append(Section("Members over the run", study.run.describe(), uses))
-    judgement = study.judgement
-    lines = [("" if one.mark is None else one.mark.value, one.name, one.text) for one in judgement.findings]
+    found = judgement(study)
+    lines = [("" if one.mark is None else one.mark.value, one.name, one.text) for one in found.findings]
     sections.append(Section("All that was found", parts=[Table("A line each", ("", "", ""), lines, folded=True)]))
     scene = study.model.scene
     source = f"The scene is from {scene.source}. " if scene.source else ""
-    return write_sections(path, f"Statics of {scene.name}", source + EXPLAINED, sections, opening=judgement.html())
+    return write_sections(path, f"Statics of {scene.name}", source + EXPLAINED, sections, opening=found.html())
 
 
-def _found(study: StaticStudy, state: StaticState) -> list[Section]:
+def _found(study: StaticResult, state: StaticState) -> list[Section]:
     sections = [
         Section(
             "Equilibrium",
@@ -104,7 +103,7 @@ def _found(study: StaticStudy, state: StaticState) -> list[Section]:
     return sections
 
 
-def _tables(study: StaticStudy, state: StaticState) -> list[Table]:
+def _tables(study: StaticResult, state: StaticState) -> list[Table]:
     model, check, found = study.model, study.members, study.prestressability
     structure = model.structure
     strings = []

@@ -15,7 +15,7 @@ from tensegrity_mj.basics.kinds import positive
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.words import by_member
+from tensegrity_mj.statics.listing import by_member
 
 
 @value("material", OptionError)

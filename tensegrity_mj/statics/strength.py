@@ -30,8 +30,8 @@ from tensegrity_mj.model.rods import ends
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.statics.listing import by_member, listed
 from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
-from tensegrity_mj.statics.words import by_member, listed
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState

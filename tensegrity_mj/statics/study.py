@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,31 +23,25 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import labels_of
-from tensegrity_mj.statics import boundary, equilibrium, lightest, words
-from tensegrity_mj.statics.balance import Balance, balance
+from tensegrity_mj.statics import boundary, equilibrium, findings, lightest
+from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
-from tensegrity_mj.statics.modes import Modes, natural_modes
+from tensegrity_mj.statics.modes import natural_modes
 from tensegrity_mj.statics.path import follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.response import Response
+from tensegrity_mj.statics.result import Search as Search
+from tensegrity_mj.statics.result import StaticResult
 from tensegrity_mj.statics.sizing import Material, Sizing
-from tensegrity_mj.statics.state import StaticState, require_rigid_and_free, standalone_scene
-from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
+from tensegrity_mj.statics.state import StaticState, require_rigid_and_free
+from tensegrity_mj.statics.strength import TrajectoryCheck, check_state, check_trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.request import AcceleratingEngine
-    from tensegrity_mj.statics.engines import EngineCheck
 
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
-
-
-class Search(enum.Enum):
-    """Methods of finding an equilibrium."""
-
-    NEWTON = "newton"
-    RELAXATION = "relaxation"  # dynamic, with kinetic damping
-    BOTH = "both"  # Newton's, and the other to compare with
 
 
 @dataclass(frozen=True)
@@ -60,8 +53,7 @@ class Materials:
     least_radius: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class StaticStudy:
+class StaticStudy(StaticResult):
     """Results of statics for a scene.
 
     Attributes:
@@ -79,50 +71,10 @@ class StaticStudy:
         notes: what of the scene statics leaves out, and other things to know.
     """
 
-    model: StaticModel
-    search: Search
-    start: Balance
-    state: StaticState | None
-    failure: str = ""
-    other: StaticState | None = None
-    modes: Modes | None = None
-    prestressability: Prestressability | None = None
-    members: MemberCheck | None = None
-    response: Response | None = None
-    engine: EngineCheck | None = None
-    sizing: Sizing | None = None
-    run: TrajectoryCheck | None = None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def moved(self) -> float:
-        """[m]: how far the node that moved most is from the scene's start; NaN without an equilibrium."""
-        if self.state is None:
-            return float("nan")
-        return float(np.linalg.norm(self.state.nodes - self.model.scene.nodes0, axis=1).max(initial=0.0))
-
-    @property
-    def difference(self) -> float:
-        """[m]: the largest difference of a member's length between the two searches; NaN unless both were made."""
-        if self.state is None or self.other is None:
-            return float("nan")
-        pairs = ((self.state.lengths, self.other.lengths), (self.state.rod_lengths, self.other.rod_lengths))
-        return max(float(np.abs(a - b).max(initial=0.0)) for a, b in pairs)
-
-    def scene(self) -> Scene:
-        """The scene that starts in the equilibrium, with further loads as its own and without broken strings.
-
-        Raises:
-            InfeasibleError: where there is no equilibrium.
-        """
-        if self.state is None:
-            raise InfeasibleError(self.failure)
-        return standalone_scene(self.state)
-
     @property
     def judgement(self) -> Judgement:
         """The verdict and the findings, a line each: the source of text, page and JSON."""
-        return Judgement(words.verdict(self), words.findings(self))
+        return findings.judgement(self)
 
     def describe(self) -> list[tuple[str, str]]:
         """Return the findings as names and texts, a line each."""
@@ -130,7 +82,7 @@ class StaticStudy:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values; docs/statics.md explains the keys."""
-        return words.to_dict(self)
+        return findings.to_dict(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> FilePath:
         """Write the page (.html), which holds its pictures; returns its path."""
@@ -148,11 +100,6 @@ class StaticStudy:
         write_text(place / DATA, to_json({"status": self.status, **self.to_dict()}, indent=1) + "\n")
         self.save_page(place / PAGE)
         return place
-
-    @property
-    def status(self) -> str:
-        """ "ok" or "infeasible"."""
-        return "infeasible" if self.state is None else "ok"
 
 
 def analyse(
@@ -316,7 +263,7 @@ def _edge_notes(state: StaticState) -> list[str]:
     if not edge.any():
         return []
     first = model.structure.strings[int(np.argmax(edge))].name
-    count = words.counted(int(edge.sum()), "string")
+    count = counted(int(edge.sum()), "string")
     return [
         f"at the edge of slackness, as long as their rest length: {count} ('{first}' is one). Round-off "
         "decides whether stiffness and frequencies count them as slack or taut, and an engine may decide otherwise: "

@@ -8,6 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import grimp
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -20,6 +24,19 @@ def test_importing_the_dae_leaves_mujoco_out() -> None:
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
+
+
+def test_data_stand_apart_from_analyses_in_annotations_too() -> None:
+    """One circle of modules is left: scenes hold structures and elements, whose methods take a scene."""
+    graph = grimp.build_graph("tensegrity_mj", exclude_type_checking_imports=False)
+    names = sorted(graph.modules)
+    arrows = [[two in graph.find_modules_directly_imported_by(one) for two in names] for one in names]
+    labels = connected_components(np.array(arrows), connection="strong")[1]
+    joined = [names[row] for row in range(len(names)) if np.sum(labels == labels[row]) > 1]
+    rooms = ("tensegrity_mj.model", "tensegrity_mj.runs", "tensegrity_mj.statics")
+    circles = {label for name, label in zip(names, labels, strict=True) if name in joined and name.startswith(rooms)}
+    assert len(circles) == 1, joined
+    assert labels[names.index("tensegrity_mj.model.scene")] in circles
 
 
 def test_tests_import_nothing_from_other_tests() -> None:

@@ -17,7 +17,7 @@ from tensegrity_mj.basics import dependencies
 from tensegrity_mj.basics.matfile import KEYWORDS, legal_names
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import MissingPackageError, OptionError
-from tensegrity_mj.runs.tables import columns_of
+from tensegrity_mj.runs.stored import columns_of
 from tensegrity_mj.runs.variables import VARIABLES
 
 

@@ -11,10 +11,10 @@ import tensegrity_mj as tmj
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import Rods, StaticModel, check_state, find_equilibrium
+from tensegrity_mj.statics.findings import reactions
 from tensegrity_mj.statics.page import _tables as tables
 from tensegrity_mj.statics.page import members_figure
 from tensegrity_mj.statics.state import Determinacy, StaticState, determinacy
-from tensegrity_mj.statics.words import reactions
 
 BRACED = ("lower1", "upper1", "post1", "rising1", "falling1")  # the cell of the arm that has rods for both diagonals
 

@@ -18,9 +18,9 @@ from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.kinds import part
 from tensegrity_mj.errors import FormatError, SceneError
+from tensegrity_mj.model.members import StringLaw
 from tensegrity_mj.model.ropes import moved_ropes
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text.codec import check_kinds, table_of

@@ -1,37 +1,35 @@
-"""A static study in words and as plain values."""
+"""The findings of a static study, a line each, its verdict, and both as plain values."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.basics.units import power_of, quantity, unit_with
-from tensegrity_mj.model.members import Rod, String
-from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
+from tensegrity_mj.statics.listing import SHOWN, by_member, counted, listed, statistics
 from tensegrity_mj.statics.model import Rods, StaticModel
+from tensegrity_mj.statics.modes import Modes
+from tensegrity_mj.statics.response import Response
+from tensegrity_mj.statics.result import Search, StaticResult
+from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.stiffening import Verdict
+from tensegrity_mj.statics.strength import MemberCheck
 
-if TYPE_CHECKING:
-    from tensegrity_mj.statics.modes import Modes
-    from tensegrity_mj.statics.response import Response
-    from tensegrity_mj.statics.state import StaticState
-    from tensegrity_mj.statics.strength import MemberCheck
-    from tensegrity_mj.statics.study import StaticStudy
-
-METHODS = {"newton": "Newton's method", "relaxation": "dynamic relaxation", "both": "Newton's method"}  # by `Search`
-SHOWN = 8  # names or numbers that a line lists
+METHODS = {Search.NEWTON: "Newton's method", Search.RELAXATION: "dynamic relaxation", Search.BOTH: "Newton's method"}
+FORMAT = 1  # of statics.json
 
 
-def counted(count: int, noun: str) -> str:
-    """Return a count with its noun: "1 state", "2 states"."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+def judgement(study: StaticResult) -> Judgement:
+    """The verdict and the findings of a study."""
+    return Judgement(verdict(study), findings(study))
 
 
-def findings(study: StaticStudy) -> list[Finding]:
+def findings(study: StaticResult) -> list[Finding]:
     """Return all findings, a line each: text, page and JSON are made of these."""
     without = ", without the further loads" if np.any(study.model.loads) else ""
     found = [
@@ -57,7 +55,7 @@ def _under(name: str, texts: Sequence[str], *marks: Mark | None) -> list[Finding
     ]
 
 
-def verdict(study: StaticStudy) -> str:
+def verdict(study: StaticResult) -> str:
     """The sentence about the equilibrium: stable or not, and by how much the nodes moved."""
     name, state = study.model.scene.name, study.state
     if state is None:
@@ -66,11 +64,11 @@ def verdict(study: StaticStudy) -> str:
     return f"{name} is {kind}; its nodes are up to {quantity(study.moved, 'm', 2)} from where they start."
 
 
-def _found(study: StaticStudy, state: StaticState) -> list[Finding]:
+def _found(study: StaticResult, state: StaticState) -> list[Finding]:
     model = study.model
     rods = "elastic" if np.any(model.compliance > 0) else "rigid"
     how = f"path of {counted(len(study.response.path.states), 'point')}" if study.response else ""
-    how = how or f"{METHODS[study.search.value]}, {counted(state.iterations, 'step')}"
+    how = how or f"{METHODS[study.search]}, {counted(state.iterations, 'step')}"
     loose = "not stable: at least one motion meets no resistance"
     is_loose = state.lowest_stiffness >= -1e-9 * model.scale[1]
     kind = "stable" if state.is_stable else loose if is_loose else "unstable"
@@ -182,7 +180,7 @@ def _total(forces: Array, names: Sequence[str] = ()) -> str:
     )
 
 
-def to_dict(study: StaticStudy) -> dict[str, Any]:
+def to_dict(study: StaticResult) -> dict[str, Any]:
     """Return plain values, for JSON."""
     from tensegrity_mj.simulation import versions
 
@@ -215,12 +213,12 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
         **plain_values(study, "modes", "members"),
         "path": plain(study.response),
         **plain_values(study, "engine", "sizing", "run", "notes"),
-        **study.judgement.to_dict(),
+        **judgement(study).to_dict(),
         "versions": versions(),
     }
 
 
-def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
+def _state(study: StaticResult, state: StaticState) -> dict[str, Any]:
     structure = study.model.structure
     strings = {"rest_length": study.model.rest_lengths, "length": state.lengths, "tension": state.tensions}
     strings["force_density"] = state.force_densities
@@ -247,28 +245,9 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
     }
 
 
-def by_member(members: Sequence[Rod] | Sequence[String], columns: Mapping[str, Iterable[Any]]) -> Any:
-    """Return each member's entries of the columns, by name, as plain values; None for numbers that are not finite."""
-    return {
-        member.name: {key: _known(plain(x)) for key, x in zip(columns, row, strict=True)}
-        for member, *row in zip(members, *columns.values(), strict=True)
-    }
-
-
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
 def _by_node(model: StaticModel, forces: Array) -> dict[str, Any]:
     names = model.structure.node_names
     return {name: force.tolist() for name, force in zip(names, forces, strict=True) if np.any(force)}
-
-
-def statistics(values: Array) -> dict[str, float]:
-    """The least, the median and the largest; nothing of nothing."""
-    if not len(values):
-        return {}
-    return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
 
 
 def slack_strings(state: StaticState) -> list[str]:
@@ -286,7 +265,7 @@ def reactions(state: StaticState) -> Array:
     return out
 
 
-def _stresses(study: StaticStudy) -> Array:
+def _stresses(study: StaticResult) -> Array:
     if study.members is None:
         return np.zeros(0)
     stresses: Array = study.members.loads.stresses[0]
@@ -306,7 +285,7 @@ def _frequencies(modes: Modes) -> list[str]:
     return [f"unstable ({growth:.5g} 1/s)" if growth > 0 else f"{frequency:.5g}" for frequency, growth in pairs]
 
 
-def _moved(study: StaticStudy, state: StaticState) -> str:
+def _moved(study: StaticResult, state: StaticState) -> str:
     """Return how far the nodes moved, and which moved most."""
     if study.moved <= 1e-12 * state.model.scale[0]:
         return "none: the scene already starts in equilibrium"
@@ -317,12 +296,3 @@ def _moved(study: StaticStudy, state: StaticState) -> str:
 
 def _sizes(nodes: Array) -> str:
     return " x ".join(f"{float(size):.5g}" for size in np.ptp(nodes, axis=0)) + " m"
-
-
-def listed(names: Iterable[str], most: int = SHOWN) -> str:
-    """The names, so many at most."""
-    every = list(names)
-    return ", ".join(every[:most]) + (f", ... ({len(every)} in all)" if len(every) > most else "")
-
-
-FORMAT = 1
