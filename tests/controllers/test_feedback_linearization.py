@@ -114,6 +114,7 @@ def test_angles_go_the_short_way_round() -> None:
 # Error dynamics --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.third_means("laws, in a closed loop", by="(1 + t) e^{-t}")
 @pytest.mark.parametrize("minimum_sum", [0.0, 1.2])
 def test_a_set_point_is_approached_as_it_must_be(minimum_sum: float) -> None:
     scene = cross(minimum_sum=minimum_sum)

@@ -47,6 +47,10 @@ def known(scene: tmj.Scene) -> tuple[Any, ...]:
     return (*scene.loads, scene.resistance, *scene.elements)
 
 
+@pytest.mark.third_means(
+    "elements.known_forces",
+    by="V̇ and ë of the law's own equation, by differences of V and ė along accelerations of MuJoCo",
+)
 @pytest.mark.parametrize("seed", range(4))
 def test_the_engine_accelerates_as_the_laws_foresee(seed: int) -> None:
     # Both solve the same equations for the same forces, to round-off. Differences over 2e-5 s: V and ė are smooth, with

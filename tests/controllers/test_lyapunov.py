@@ -66,6 +66,7 @@ def test_v_is_zero_only_at_the_target():
     assert law.evaluate(0.0, structure.positions, still)[2] > 1e-3
 
 
+@pytest.mark.third_means("laws, their paths", by="half the angle at half the time of a quintic")
 def test_paths_turn_on_great_circles_and_stand_still_at_waypoints():
     rng = np.random.default_rng(6)
     structure = random_structure(rng, rods=2, point_masses=1)

@@ -39,6 +39,7 @@ def of_segments(separate: Array, structure: tmj.Structure) -> Array:
     return np.stack(found, axis=-1)
 
 
+@pytest.mark.third_means("strings.string_length", "strings.share", by="T/L along two segments by hand")
 def test_the_linear_equation_of_a_string_over_pulleys() -> None:
     whole, parts = skewed(True), skewed(False)
     state = (0.0, whole.positions, 0.3 * np.random.default_rng(1).normal(size=(6, 3)))
@@ -84,6 +85,7 @@ LAWS = {
 }
 
 
+@pytest.mark.third_means("strings.string_length", "strings.share", by="two strings that share the tension")
 @pytest.mark.parametrize("actuation", ACTUATIONS)
 @pytest.mark.parametrize("law", LAWS)
 def test_a_law_holds_a_load_on_a_pulley_as_on_two_strings(law: str, actuation: str) -> None:

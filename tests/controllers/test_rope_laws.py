@@ -33,6 +33,7 @@ def bent() -> tmj.Scene:
     return scene.with_(initial_nodes=start)
 
 
+@pytest.mark.third_means("law.spread", by="shares of L - u L/k by hand, of a bent rope beside a pulley")
 @pytest.mark.parametrize("engine", RK4)
 @pytest.mark.parametrize("command", Command)
 def test_a_command_is_spread_by_shares(command: Command, engine: str) -> None:

@@ -126,6 +126,14 @@ def joined(times, s, v, points, yields=False):
             longest = max(longest, s)
 
 
+@pytest.mark.third_means(
+    "curves.curved_pull",
+    "curves.curved_energy",
+    "curves._polygon",
+    "curves._piece",
+    "curves._work",
+    by="oscillators joined at the corners",
+)
 @every
 def test_a_mass_on_a_polygon_is_an_oscillator_on_each_piece(engine) -> None:
     """Thrown, it passes all corners both ways, leaves its string and falls into it."""
@@ -145,6 +153,14 @@ def test_a_mass_on_a_polygon_is_an_oscillator_on_each_piece(engine) -> None:
     assert run.energy_residual < 100 * CLOSE
 
 
+@pytest.mark.third_means(
+    "curves.yield_strings",
+    "curves.spent_since",
+    "curves._spent",
+    "curves.cubic",
+    "curves.turn_of_cubic",
+    by="oscillators joined where it yields and turns; areas of trapezoids",
+)
 @every
 @pytest.mark.parametrize("points", [GIVES, ((0.2, 30.0), (0.5, 30.0))], ids=["hardens", "stays level"])
 def test_a_string_that_yields_is_an_oscillator_between_yields(engine, points) -> None:
@@ -166,6 +182,12 @@ def test_a_string_that_yields_is_an_oscillator_between_yields(engine, points) ->
     assert run.energy_residual < 100 * CLOSE
 
 
+@pytest.mark.third_means(
+    "curves.corner_between",
+    "slack._set_levels",
+    "slack._over_level",
+    by="oscillators joined at the corners, at the order of RK4",
+)
 @pytest.mark.parametrize("make", LOCATED.values(), ids=LOCATED)
 @pytest.mark.parametrize("yields", [False, True])
 def test_rk4_keeps_its_order_at_corners_that_are_located(make, yields) -> None:
@@ -194,6 +216,7 @@ def test_corners_that_are_not_located_leave_an_error_of_the_second_order(make) -
     assert CLOSE < np.abs(run.nodes[:, 1, 2] + 1 + s).max() < 12 * 160 * 3 / (8 * M) * 1e-6 * 2
 
 
+@pytest.mark.third_means("curves.curved_pull", "curves.curved_energy", by="a period by quadrature")
 @every
 def test_the_period_of_a_stiffening_string_is_that_of_its_energy_integral(engine) -> None:
     """T = 30 s + 500 s³ by twelve pieces: √2 ∫ ds/√((E - V)/M) between the turns, V with the polygon's own integral."""
@@ -232,6 +255,7 @@ def test_the_period_of_a_stiffening_string_is_that_of_its_energy_integral(engine
     assert -run.velocities[-1, 1, 2] == pytest.approx(a * late, abs=5e-7)
 
 
+@pytest.mark.third_means("curves.curved_pull", by="even acceleration")
 @every
 def test_a_constant_force_accelerates_a_mass_evenly(engine) -> None:
     """z̈ = T/M - g whatever the length: RK4 and error control integrate it exactly, but for round-off of 2000 steps."""
@@ -282,6 +306,7 @@ class Densities:
         ]
 
 
+@pytest.mark.third_means("curves.stretch_of", "actuation._curved_lengths", by="L - f⁻¹(u L) by hand, and -∫ T dL0")
 @pytest.mark.parametrize("engine", [tmj.DAE(rtol=1e-12, atol=1e-13), tmj.MuJoCo(5e-4)], ids=["DAE", "MuJoCo"])
 def test_a_commanded_force_density_is_that_of_a_curve_by_its_inverse(engine) -> None:
     """M L̈ = M g - u(t) L by other means, T = u L; the rest length is L less the stretch of that tension by hand, and
@@ -327,6 +352,7 @@ def test_held_commands_close_the_ledger_and_agree(command, mode, curve) -> None:
     assert abs(runs[0].winch_work[-1]) > 0.1
 
 
+@pytest.mark.third_means("curves.stretch_of", "actuation._curved_lengths", by="L - f⁻¹(u L) by hand, cut at the limits")
 def test_limits_cut_what_a_law_commands_of_a_curve() -> None:
     """u <= 15 N/m, by force densities and by rest lengths alike: the same as a law that commands no more."""
     limited = hung(1.3, 1.0, 1.0, curve=STIFFENS, max_force_density=15.0)

@@ -28,6 +28,9 @@ D = 2 * R
 DISPLACED = RHO * np.pi * R**2 * L  # kg of water in place of the rod: 9.82
 CLOSE = 2e-8
 FINE = [tmj.DAE(rtol=1e-12, atol=1e-13), tmj.MuJoCo(1e-3)]
+pytestmark = pytest.mark.third_means(
+    "plant.write_row", "vectors.*", "pointers.*", "elements.clear", by="rows and parts of its formulas"
+)
 both = pytest.mark.parametrize("engine", FINE, ids=["DAE", "MuJoCo"])
 
 
@@ -64,6 +67,12 @@ def first_accelerations(scene, engine):
 # Resistance
 
 
+@pytest.mark.third_means(
+    "resistance.add_fluid",
+    "elements.let_act of wind",
+    "elements.held_powers of wind",
+    by="e^{-cℓt/m}; work of the wind less what moves",
+)
 @both
 def test_viscous_forces_and_wind_bring_a_rod_to_the_winds_speed_and_stop_its_spin(engine) -> None:
     # c per length and velocity: m v̇ = c ℓ (w - v), and the same rate for a spin, as mass and drag are spread alike.
@@ -84,6 +93,7 @@ def test_viscous_forces_and_wind_bring_a_rod_to_the_winds_speed_and_stop_its_spi
     assert np.abs(run.dissipation - (m * v @ wind - kinetic + kinetic[0])).max() < CLOSE
 
 
+@pytest.mark.third_means("resistance._normal_drag", by="v_t tanh(g t/v_t)")
 @both
 @pytest.mark.parametrize(("b", "C"), [((0, 1, 0), 1.3), ((0, 0, 1), 0.4 * np.pi)], ids=["level", "upright"])
 def test_a_falling_rod_comes_to_its_terminal_velocity(engine, b, C) -> None:
@@ -99,6 +109,7 @@ def test_a_falling_rod_comes_to_its_terminal_velocity(engine, b, C) -> None:
     assert np.abs(run.dissipation - (m * G * fallen - kinetic)).max() < 10 * CLOSE
 
 
+@pytest.mark.third_means("resistance._normal_drag", by="ω₀/(1 + K ω₀ t)")
 @both
 def test_drag_slows_a_spin_as_one_over_time(engine) -> None:
     # (m ℓ²/12) ω̇ = -∫ ½ ρ C d |ω x| ω x x dx = -ρ C d ω² ℓ⁴/64: ω = ω₀ / (1 + K ω₀ t).
@@ -112,6 +123,7 @@ def test_drag_slows_a_spin_as_one_over_time(engine) -> None:
     assert angle[-1] > 0.7
 
 
+@pytest.mark.third_means("resistance.add_bending", by="ω² = 24 κ/(m ℓ²) of two free rods, and its damping")
 @both
 def test_a_bent_joint_swings_with_the_frequency_of_its_stiffness(engine) -> None:
     # Two free rods of ℓ and m in a V of a small angle θ each: their centres stay on a line, T = 2 · m ℓ² θ̇²/24. With
@@ -157,6 +169,7 @@ MORISON = [
 ]
 
 
+@pytest.mark.third_means("water._flow", by="Morison's force at three instants, in numbers, deep and 4 m deep")
 @pytest.mark.parametrize(("depth", "time", "F_x", "F_z"), MORISON)
 def test_the_force_of_a_wave_on_a_held_rod_is_morisons(depth, time, F_x, F_z) -> None:
     # Buoyancy is ρ g π d²/4 ℓ = 96.347974 N more. Seven digits were written down.
@@ -168,6 +181,7 @@ def test_the_force_of_a_wave_on_a_held_rod_is_morisons(depth, time, F_x, F_z) ->
     assert np.abs(found[0] - found[1]).max() < 1e-12  # all along the rod alike
 
 
+@pytest.mark.third_means("water._flow", by="sums of Morison's forces of each wave, across the rod")
 def test_waves_and_current_add_up_and_only_what_is_across_a_rod_counts() -> None:
     # One segment: the loads of the centre. Two waves, by length and by frequency, of any direction; an inclined rod.
     rng = np.random.default_rng(2)
@@ -196,6 +210,7 @@ def test_waves_and_current_add_up_and_only_what_is_across_a_rod_counts() -> None
         assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max() + 1e-11
 
 
+@pytest.mark.third_means("water._flow above the still surface", by="linear theory continued, or held, by hand")
 def test_the_field_above_the_still_surface_is_as_chosen() -> None:
     # In the crest of a wave of A = 1 m, at z = 0.5 m: θ = π/2, so that u = ω A e^{kz} along x alone, and a along -z.
     k = 2 * np.pi / 30
@@ -217,6 +232,7 @@ def circle_below(u):
     return 1 - (half - np.sin(half) * np.cos(half)) / np.pi
 
 
+@pytest.mark.third_means("water._wet", "water._wet_part", by="draft, by the angle of a circle's segment")
 @both
 def test_a_rod_floats_where_it_displaces_its_mass(engine) -> None:
     # Level, with the axis 0.4 radii above and 0.4 below the surface; upright, two thirds under water: it stays.
@@ -231,6 +247,7 @@ def test_a_rod_floats_where_it_displaces_its_mass(engine) -> None:
         assert first_accelerations(lighter, engine)[:, 2] == pytest.approx(G * 0.01 / 0.99, rel=1e-9)
 
 
+@pytest.mark.third_means("water._wet", "water._wet_part", by="the segment's area, integrated along the rod")
 def test_an_inclined_rod_is_carried_by_the_volume_below_the_surface_at_its_centre() -> None:
     # A cross-section at the height z is wet up to -z / (R cos φ) radii: volume and moment by integration of circles.
     for tilt, height in ((0.05, 0.01), (0.4, -0.2), (0.4, 0.3), (1.1, 0.1), (1.5, -0.4)):
@@ -250,6 +267,7 @@ def test_an_inclined_rod_is_carried_by_the_volume_below_the_surface_at_its_centr
             assert np.abs(found[:, :2]).max() < 1e-11
 
 
+@pytest.mark.third_means("water._elevation", by="the circle below two waves")
 def test_the_surface_rises_and_falls_with_the_wave() -> None:
     # A rod along the crests in the still surface, wave heights of half its radius: the elevation of two waves together.
     waves = (tmj.model.Wave(0.3 * R, 8.0, phase=0.5), tmj.model.Wave(0.2 * R, None, 3.0, np.pi, 1.0))
@@ -262,6 +280,7 @@ def test_the_surface_rises_and_falls_with_the_wave() -> None:
         assert found[2] == pytest.approx(DISPLACED * G * circle_below((first + second) / R), rel=1e-12)
 
 
+@pytest.mark.third_means("water.immerse", by="heave of the waterplane")
 @both
 def test_a_spar_heaves_as_an_oscillator_and_a_level_rod_nearly_so(engine) -> None:
     # Upright: buoyancy grows evenly with depth, ω² = ρ g π R²/m, and no mass is added along the rod: exact. Level and
@@ -286,6 +305,7 @@ def test_a_spar_heaves_as_an_oscillator_and_a_level_rod_nearly_so(engine) -> Non
 # Added mass and drag in water
 
 
+@pytest.mark.third_means("water.immerse with added mass", by="(m_w - m) g over m + C_a m_w")
 @both
 @pytest.mark.parametrize("b", [(1, 0, 0), (0, 0, 1), (1, 0, 1)])
 def test_a_rod_let_go_under_water_rises_with_the_mass_that_it_moves(engine, b) -> None:
@@ -298,6 +318,7 @@ def test_a_rod_let_go_under_water_rises_with_the_mass_that_it_moves(engine, b) -
     assert np.abs(found - expected).max() < 1e-11
 
 
+@pytest.mark.third_means("water.immerse with added mass", by="its period on springs")
 @both
 def test_a_rod_on_springs_under_water_heaves_with_its_added_mass(engine) -> None:
     # Level, on two strings straight up: (m + C_a m_w) z̈ = -2 k (z - z_e), 2 k s_e = (m - m_w) g.
@@ -318,6 +339,7 @@ def test_a_rod_on_springs_under_water_heaves_with_its_added_mass(engine) -> None
     assert np.abs(run.external_work - work).max() < 500 * CLOSE
 
 
+@pytest.mark.third_means("water.immerse", "water._across", by="v_t tanh(t √(W c)/M)")
 @both
 @pytest.mark.parametrize(
     ("b", "moved", "C"), [((1, 0, 0), 1.0, 1.2), ((0, 0, 1), 0.0, 0.1 * np.pi)], ids=["level", "upright"]
@@ -335,6 +357,7 @@ def test_a_rod_sinks_to_its_terminal_velocity(engine, b, moved, C) -> None:
     assert np.abs(run.external_work - (0.5 * m * v**2 - m * G * fallen)).max() < 1000 * CLOSE
 
 
+@pytest.mark.third_means("water.immerse with added mass", by="its moment of inertia by segments")
 @both
 def test_water_slows_a_spin_by_its_segments(engine) -> None:
     # Neutral, level, n = 7 segments at s_k: I = m ℓ²/12 + C_a m_w ℓ² Σ (s_k - ½)²/n, and a moment of
@@ -351,6 +374,7 @@ def test_water_slows_a_spin_by_its_segments(engine) -> None:
     assert np.abs(run.nodes[:, 1] - place - [0, 0, -5]).max() < CLOSE
 
 
+@pytest.mark.third_means("water.immerse", by="shares of ¼ and ¾")
 def test_hermites_weights_share_a_load_and_added_mass_by_the_cubic() -> None:
     # Two segments, at ¼ and ¾: h = s² (3 - 2 s) is 5/32 and 27/32. A rod that turns about its first node meets 1/16 and
     # 9/16 of the drag of its end; upright, half of the axial buoyancy goes to either node.

@@ -61,6 +61,7 @@ def check(engine, scene, law, truth, aligned=True) -> None:
         assert last < before / 2**3.5
 
 
+@pytest.mark.third_means("motion.piece_at between times of a record", by="SciPy's DOP853 from time to time")
 @ENGINES
 @pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
 @pytest.mark.parametrize("seed", range(3))
@@ -84,6 +85,7 @@ def test_a_record_of_the_ground(engine, even, seed) -> None:
     check(engine, scene, None, lambda times: heights(times, knots, hook, lambda t, middle: 1.0), even)
 
 
+@pytest.mark.third_means("programs of rest lengths", by="SciPy's DOP853 from time to time")
 @ENGINES
 def test_a_program_of_rest_lengths(engine) -> None:
     """Each move is a cubic from rest to rest, whose second derivative jumps where it begins and ends."""

@@ -27,6 +27,9 @@ OMEGA = np.sqrt(K / M)
 CLOSE = 2e-9  # m
 FINE = [tmj.DAE(rtol=1e-12, atol=1e-13), tmj.MuJoCo(1e-3)]
 LOCATED = [tmj.DAE(method=tmj.Method.RK4, timestep=1e-3, locate_slack=True), tmj.MuJoCo(1e-3, locate_slack=True)]
+pytestmark = pytest.mark.third_means(
+    "plant.write_row", "vectors.*", "pointers.*", "elements.clear", by="rows and parts of its formulas"
+)
 both = pytest.mark.parametrize("engine", FINE, ids=["DAE", "MuJoCo"])
 
 
@@ -68,6 +71,12 @@ class Command:
 # The string
 
 
+@pytest.mark.third_means(
+    "strings.measure_strings",
+    "strings.tighten_strings",
+    "strings.add_string_forces",
+    by="a damped oscillator: motion, tension, energy, loss",
+)
 @both
 def test_a_mass_on_a_damped_string_is_a_damped_oscillator(engine) -> None:
     c = 0.8
@@ -86,6 +95,11 @@ def test_a_mass_on_a_damped_string_is_a_damped_oscillator(engine) -> None:
     assert not run.winch_work.any()
 
 
+@pytest.mark.third_means(
+    "slack.*",
+    "strings.tighten_strings where it clips, or lets the damper push",
+    by="free flight and oscillator, joined where the pull is zero: 2 v/g, and the root of k s + c ṡ",
+)
 @pytest.mark.parametrize("engine", LOCATED, ids=["DAE", "MuJoCo"])
 @pytest.mark.parametrize("law", list(tmj.model.StringLaw), ids=lambda law: law.value)
 def test_a_mass_thrown_up_falls_into_its_string_and_leaves_it(engine, law) -> None:
@@ -129,6 +143,7 @@ def test_a_mass_thrown_up_falls_into_its_string_and_leaves_it(engine, law) -> No
     assert np.abs(plain.nodes[:, 1, 2] + 1 + expected)[kept].max() > 100 * CLOSE
 
 
+@pytest.mark.third_means("actuation.break_strings", by="oscillator, then free fall; ½ k s² is lost")
 @both
 def test_a_string_that_breaks_lets_go_and_its_energy_is_lost(engine) -> None:
     run = tmj.simulate(hung(1.4, breaks=(tmj.model.Break("s", 0.5),), duration=0.8), engine=engine)
@@ -143,6 +158,14 @@ def test_a_string_that_breaks_lets_go_and_its_energy_is_lost(engine) -> None:
 # Actuation
 
 
+@pytest.mark.third_means(
+    "actuation.evaluate_law",
+    "actuation.set_rest_lengths",
+    "actuation.winch_work",
+    "actuation.start_ledger",
+    "strings.string_energy",
+    by="a driven oscillator; -∫ T dL0 by quadrature",
+)
 @both
 def test_a_winch_that_follows_a_law_drives_an_oscillator_and_works(engine) -> None:
     # L0 = 1 + b sin Ω t: M L̈ = M g - k (L - L0), so that L is 1 + M g/k and b ω²/(ω² - Ω²) (sin Ω t - Ω/ω sin ω t).
@@ -168,6 +191,9 @@ def test_a_winch_that_follows_a_law_drives_an_oscillator_and_works(engine) -> No
     assert np.ptp(run.winch_work) > 0.5
 
 
+@pytest.mark.third_means(
+    "actuation.evaluate_law", "actuation.command_as_lengths", "actuation.set_rest_lengths", by="M L̈ = M g - u L"
+)
 @both
 def test_a_force_density_is_a_spring_of_no_length(engine) -> None:
     # T = u L: M L̈ = M g - u L, whatever the string's stiffness; L0 = L (1 - u/k).
@@ -205,6 +231,12 @@ def piece(kind, length, rate, t):
     return kind[1] + s, ds
 
 
+@pytest.mark.third_means(
+    "actuation.take_sample",
+    "actuation.winch_work",
+    "strings.string_energy",
+    by="an oscillator from sample to sample, and the energy gained between them",
+)
 @both
 @pytest.mark.parametrize("held", ["force density", "rest length"])
 def test_what_a_sampled_law_commands_is_held_and_its_winch_works(engine, held) -> None:
@@ -231,6 +263,7 @@ def test_what_a_sampled_law_commands_is_held_and_its_winch_works(engine, held) -
     assert np.ptp(run.winch_work) > 0.1
 
 
+@pytest.mark.third_means("actuation._limit_command", by="oscillators of the limits")
 @both
 def test_limits_cut_what_a_law_commands(engine) -> None:
     # The largest force density, 12 of 20 N/m: a spring of 12 N/m. The smallest rest length, 0.9 of 0.5 m: an oscillator
@@ -252,6 +285,7 @@ def test_limits_cut_what_a_law_commands(engine) -> None:
     assert np.abs(run.nodes[:, 1, 2] + length).max() < CLOSE
 
 
+@pytest.mark.third_means("actuation.remember", by="an oscillator from then on")
 @both
 def test_where_a_law_has_no_solution_the_last_rest_length_is_held(engine) -> None:
     def function(t, L):
@@ -275,6 +309,7 @@ def test_where_a_law_has_no_solution_the_last_rest_length_is_held(engine) -> Non
     assert np.abs(run.nodes[:, 1, 2] + length).max() < CLOSE
 
 
+@pytest.mark.third_means("actuation.remember", by="an oscillator from then on")
 @pytest.mark.parametrize(
     "engine", [tmj.DAE(method=tmj.Method.RK4, timestep=1e-3), tmj.MuJoCo(1e-3)], ids=["DAE", "MuJoCo"]
 )
@@ -305,6 +340,9 @@ def test_a_law_at_every_stage_leaves_the_rest_length_of_the_last_whole_step(engi
 # Loads and moved supports
 
 
+@pytest.mark.third_means(
+    "elements.let_act", "elements.power_of", "elements._counted", by="M ẍ = F cos(ω t + φ) in closed form, and its work"
+)
 @both
 @pytest.mark.parametrize("as_function", [False, True], ids=["records", "function"])
 def test_a_load_in_time_and_gravity_move_a_free_mass(engine, as_function) -> None:
@@ -323,6 +361,7 @@ def test_a_load_in_time_and_gravity_move_a_free_mass(engine, as_function) -> Non
     assert np.abs(run.gravity_energy - M * G * expected[:, 2]).max() < 20 * CLOSE
 
 
+@pytest.mark.third_means("elements.set_motions", "motion.motion_at", by="a driven oscillator, and the work of the hook")
 @both
 def test_a_hook_that_moves_up_and_down_drives_an_oscillator(engine) -> None:
     # z_h = a sin(Ω t + ε): M z̈ = -M g + k (z_h - z - 1), z = -1 - M g/k + p sin(Ω t + ε) and the oscillator's own.
@@ -348,6 +387,7 @@ def test_a_hook_that_moves_up_and_down_drives_an_oscillator(engine) -> None:
     assert np.abs(run.external_work - (gained - gained[0])).max() < 50 * CLOSE
 
 
+@pytest.mark.third_means("motion._add_piece", "motion.piece_at", by="10 x³ - 15 x⁴ + 6 x⁵")
 @both
 def test_a_hook_that_follows_data_does_so_by_quintics(engine) -> None:
     # From rest to rest in 1.5 s: d (10 x³ - 15 x⁴ + 6 x⁵); then it stands still.
@@ -359,6 +399,7 @@ def test_a_hook_that_follows_data_does_so_by_quintics(engine) -> None:
     assert np.abs(run.velocities[:, 0] - d * 30 * x**2 * (1 - x) ** 2 / 1.5).max() < 1e-12
 
 
+@pytest.mark.third_means("motion._add_piece", "motion.piece_at", by="g tan φ of a plumb line")
 @both
 def test_a_rod_on_an_accelerated_support_hangs_aside(engine) -> None:
     # A support that accelerates evenly along x by g tan φ, as quintic data do: a rod that starts at φ stays there.

@@ -1,22 +1,15 @@
-"""Each compiled function that engines share has a row in docs/developing/third-means.md, and each row a test."""
+"""Each compiled function that engines share has a test marked third_means, a row of docs/developing/third-means.md."""
 
 from __future__ import annotations
 
 import ast
-import re
+import runpy
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPILED = {"borrowing", "inlined", "owning", "njit"}  # decorators
-
-
-PAGE = (ROOT / "docs" / "developing" / "third-means.md").read_text(encoding="utf-8")
-
-
-def rows() -> list[list[str]]:
-    lines = [line for line in PAGE.splitlines() if line.startswith("|")][2:]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+TABLE = runpy.run_path(str(ROOT / "scripts" / "third_means.py"))
 
 
 def compiled_functions() -> set[str]:
@@ -33,39 +26,18 @@ def compiled_functions() -> set[str]:
     return found
 
 
-def functions_of(path: Path) -> set[str]:
-    return {node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)}
-
-
-def test_every_function_that_engines_share_is_in_the_table_and_no_other() -> None:
+def test_every_function_that_engines_share_has_a_test_and_no_other() -> None:
     functions = compiled_functions()
     assert {"strings.tighten_strings", "water._wet_part", "slack.look_at_trial", "resistance.add_fluid"} <= functions
-    named = [name for row in rows() for name in re.findall(r"`([a-z_]+\.[a-z_*]+)`", row[0])]
+    texts = [text for check in TABLE["checks"]() for text in check.functions]
+    named = {found[0] for text in texts if (found := TABLE["FUNCTION"].match(text))}
     assert [name for name in functions if not any(fnmatchcase(name, pattern) for pattern in named)] == []
     assert [name for name in named if not any(fnmatchcase(one, name) for one in functions)] == []
 
 
-def test_every_test_that_the_table_names_is_there() -> None:
-    own = {"S": "tests/dynamics/test_third_means_strings.py", "F": "tests/dynamics/test_third_means_fluids.py"}
-    count = 0
-    for row in rows():
-        for part in row[1].split(";"):
-            file = re.search(r"`(tests/[a-z_0-9/]+\.py)`", part)
-            short = re.match(r"\s*([SF]) ", part)
-            path = file.group(1) if file else own[short.group(1)] if short else None
-            names = re.findall(r"`(test_[a-z_0-9]+)`", part)
-            if path is None:
-                assert part == "all of S and F"
-                continue
-            assert names
-            count += len(names)
-            assert set(names) <= functions_of(ROOT / path), part
-    assert count > 25
-    rest = PAGE.split("Segments of rods")[1]
-    below = re.findall(r"`(tests/[a-z_0-9/]+\.py)`((?:[^`]|`test_[a-z_0-9]+`)*)", rest)
-    assert len(below) == 4
-    for path, text in below:
-        assert set(re.findall(r"`(test_[a-z_0-9]+)`", text)) <= functions_of(ROOT / path)
+def test_the_page_has_the_table_of_the_markers() -> None:
+    stale = "run .venv/bin/python scripts/third_means.py, which writes the table from the markers"
+    assert TABLE["PAGE"].read_text(encoding="utf-8") == TABLE["page"](), stale
 
 
 def test_no_formula_of_the_third_means_calls_what_it_checks() -> None:

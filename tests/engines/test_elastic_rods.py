@@ -50,6 +50,11 @@ def rk4_error(omega: float, step: float, duration: float) -> float:
     return 1.5 * duration / step * (omega * step) ** 5 / 120
 
 
+@pytest.mark.third_means(
+    "elements.let_act of elastic rods",
+    "elements.held_powers of elastic rods",
+    by="a damped oscillator of m/12: motion, force, energy, loss",
+)
 @pytest.mark.parametrize("engine", FIXED)
 def test_a_free_bar_vibrates_along_itself(engine: str) -> None:
     """m/12 s̈ + c ṡ + k s = 0: ω² = 12 k/m, ζ = c √(3 / (k m)); energy ½ k s² and loss ∫ c ṡ² follow."""
@@ -79,6 +84,7 @@ def test_a_bar_that_hangs_by_an_end_swings_about_its_extension(engine: str, sigm
     np.testing.assert_allclose(lengths(run), LENGTH + s, atol=1.1 * rk4_error(omega, 1e-3, 0.5))
 
 
+@pytest.mark.third_means("elements.let_act of elastic rods", by="ℓ/(1 - m ω²/12 k)")
 @pytest.mark.parametrize("engine", FIXED)
 def test_a_spinning_bar_keeps_the_extension_of_its_spin(engine: str) -> None:
     """m/12 L ω² = k (L - ℓ): L = ℓ / (1 - m ω² / 12 k), and the bar turns by ω t."""
@@ -229,6 +235,7 @@ def soft_diamond() -> tmj.Scene:
     return tmj.Scene(tmj.Structure("soft diamond", nodes, rods, strings), gravity=(0.0, 0.3, -G))
 
 
+@pytest.mark.third_means("elements.let_act of elastic rods", by="M v̇ = f by nodes alone")
 @pytest.mark.parametrize(
     ("scene", "in_mujoco"), [(soft_pair(), True), (soft_diamond(), False)], ids=["pair", "diamond"]
 )

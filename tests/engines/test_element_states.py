@@ -78,6 +78,11 @@ def test_methods_with_error_control_follow_the_standard_linear_solid(engine: Any
     assert run.element_state_names == tuple(f"elements[1] {kind.__name__}: s{k}" for k in (1, 2, 3))
 
 
+@pytest.mark.third_means(
+    "elements.let_act with states",
+    "elements.held_powers with states",
+    by="the exponential of a standard linear solid's matrix",
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_rk4_keeps_its_order_with_states_and_closes_the_ledger(name: str) -> None:
     runs = [tmj.simulate(solid(), engine=fixed(name, h), duration=DURATION, output_interval=0.04) for h in (0.04, 0.02)]
@@ -91,6 +96,7 @@ def test_rk4_keeps_its_order_with_states_and_closes_the_ledger(name: str) -> Non
     assert residuals[0] < errors[0] * 100  # J: energies are (K + k) / 2 and more of squares below 1.3
 
 
+@pytest.mark.third_means("elements.let_act with states", by="the exponential of a standard linear solid's matrix")
 @pytest.mark.parametrize("integrator", [one for one in tmj.Integrator if one is not tmj.Integrator.RK4])
 def test_integrators_of_one_stage_keep_their_order_with_states(integrator: tmj.Integrator) -> None:
     runs = [

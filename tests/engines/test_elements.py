@@ -161,6 +161,7 @@ def waved(**changes: Any) -> tmj.Scene:
     return tmj.Scene(structure, **(given | changes))
 
 
+@pytest.mark.third_means("elements.lend_room", by="runs of `simulate`, whose elements have no lent room")
 def test_a_law_in_mujocos_own_loops_has_the_same_water_and_wind() -> None:
     scene, engine = waved(), tmj.MuJoCo(1e-3)
 

@@ -64,6 +64,7 @@ def warned(run: tmj.Trajectory, words: str) -> list[str]:
     return [text for text in run.reports["warnings"] if words in text]
 
 
+@pytest.mark.third_means("watch.*", by="times and least values of a law that is written down")
 @every_engine
 @every_actuation
 def test_a_commanded_rest_length_below_zero_is_reported(engine: Any, actuation: tmj.Actuation) -> None:
@@ -98,6 +99,7 @@ def test_a_force_density_above_the_stiffness_is_reported(engine: Any, actuation:
     assert not warned(run, "cannot push")
 
 
+@pytest.mark.third_means("watch.*", by="times and least values of a law that is written down")
 @every_engine
 @every_actuation
 def test_a_negative_force_density_is_reported(engine: Any, actuation: tmj.Actuation) -> None:

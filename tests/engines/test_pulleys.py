@@ -17,6 +17,12 @@ FIXED = {
 }
 
 
+@pytest.mark.third_means(
+    "strings.measure_segments",
+    "strings.tighten_strings over pulleys",
+    "strings.add_string_forces over pulleys",
+    by="the acceleration of Atwood's machine",
+)
 @pytest.mark.parametrize("engine", FIXED)
 def test_atwoods_machine_accelerates_as_its_closed_form_says(engine: str) -> None:
     """With the tension 2 m M g / (m + M) at the start, the string keeps its length and both masses a constant
@@ -29,6 +35,9 @@ def test_atwoods_machine_accelerates_as_its_closed_form_says(engine: str) -> Non
     np.testing.assert_allclose(run.tensions[:, 0], 2 * 1.0 * 1.5 / 2.5 * G, atol=1e-9)
 
 
+@pytest.mark.third_means(
+    "strings.measure_segments", "strings.add_string_forces over pulleys", by="the elastic mode of Atwood's machine"
+)
 @pytest.mark.parametrize("engine", FIXED)
 def test_its_elastic_mode_is_an_oscillator(engine: str) -> None:
     """ë = -k (1/m + 1/M) e of the stretch e beyond that of the steady motion: e = e0 cos(ω t).
@@ -42,6 +51,9 @@ def test_its_elastic_mode_is_an_oscillator(engine: str) -> None:
     np.testing.assert_allclose(run.tensions[:, 0], tension, atol=1000.0 * error * 1.1)
 
 
+@pytest.mark.third_means(
+    "strings.measure_segments", "strings.tighten_strings over pulleys", by="what the damper of Atwood's machine takes"
+)
 @pytest.mark.parametrize("engine", [*FIXED, "dae, adaptive"])
 def test_its_damper_takes_what_the_closed_form_says(engine: str) -> None:
     """ë + c/μ ė + k/μ e = 0: e = e0 e^(-δ t) (cos νt + δ/ν sin νt); the loss is ∫ c ė² dt, by quadrature of that."""

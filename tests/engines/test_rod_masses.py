@@ -210,6 +210,7 @@ def test_what_moves_a_support_does_the_work_of_all_that_is_carried(engine: str, 
     assert np.ptp(run.external_work) > 0.1
 
 
+@pytest.mark.third_means("resistance.add_fluid at dampers of nodes", by="e^{-ct/m}; e^{-cℓ²t/J} of a rod's end")
 @pytest.mark.parametrize("engine", FIXED)
 def test_the_damping_of_a_point_mass_is_e_to_the_minus_ct_over_m(engine: str) -> None:
     """A free mass: v = v₀ e^{-ct/m}. One at the end of a rod without gravity: θ̇ = ω₀ e^{-c ℓ² t/J}.

@@ -38,6 +38,7 @@ RK4 = [
 ]
 
 
+@pytest.mark.third_means("resolution.*", by="z⁵/120 and z³/24 of an oscillator; an estimate, within its own factor")
 @pytest.mark.parametrize("engine", RK4, ids=lambda make: str(make(1.0)))
 @pytest.mark.parametrize("z", [0.1, 0.5])
 def test_the_estimate_of_runge_kutta_is_that_of_an_oscillator(engine: Any, z: float) -> None:
@@ -63,6 +64,7 @@ def test_the_estimate_of_runge_kutta_is_that_of_an_oscillator(engine: Any, z: fl
 ONE_STAGE = [integrator for integrator in tmj.Integrator if integrator is not tmj.Integrator.RK4]
 
 
+@pytest.mark.third_means("resolution.*", by="z/2 of an oscillator; an estimate, within its own factor")
 @pytest.mark.parametrize("integrator", ONE_STAGE)
 @pytest.mark.parametrize("z", [0.02, 0.1])
 def test_the_estimate_of_first_order_is_that_of_an_oscillator(integrator: tmj.Integrator, z: float) -> None:

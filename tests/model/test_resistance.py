@@ -253,6 +253,7 @@ def test_one_step_of_a_held_force_is_counted_at_both_its_ends():
     assert np.abs(run.external_work - power * run.time).max() <= 1e-5 * power * 0.05  # v / w = 4e-7 / 2 at the end
 
 
+@pytest.mark.third_means("elements.let_act", "elements.held_powers", by="energy of 0.94^n")
 @pytest.mark.parametrize("integrator", [tmj.Integrator.EULER, tmj.Integrator.IMPLICIT, tmj.Integrator.DISCRETE])
 def test_one_step_methods_are_stable_and_exact_in_energy_up_to_the_limit_of_the_docs_and_reported_beyond(integrator):
     # u' = u - h c ℓ u / m: the factor is -1 at h = 2 m / (c ℓ). The work of a held force is exact by the

@@ -34,6 +34,7 @@ def drifting(paths: list[tuple[str, ...]], names: str, **more: Any) -> tmj.Scene
     return tmj.Scene(structure, initial_velocities=speeds, water=water(**more), duration=1.0)
 
 
+@pytest.mark.third_means("water.immerse of strings", by="u₀/(1 + K u₀ t) against the water")
 @both
 @pytest.mark.parametrize("current", [0.0, 1.0])
 def test_a_string_between_two_masses_slows_them(engine: Any, current: float) -> None:
@@ -61,6 +62,7 @@ def test_a_string_over_a_pulley_takes_drag_on_each_piece(engine: Any) -> None:
     np.testing.assert_allclose(slowed, [first, 2 * first, first], rtol=2e-2)  # u falls by 1.4 % and 2 % within the step
 
 
+@pytest.mark.third_means("water.immerse of strings", by="drag of the stretched length")
 @both
 def test_drag_grows_with_the_length_of_a_string(engine: Any) -> None:
     """A string of 1 m, held at 3 m in a current of 2 m/s, pulls its holders with the drag of 3 m.

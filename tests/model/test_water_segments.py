@@ -82,6 +82,7 @@ def inclined_rods(count, seed=4):
         yield wave, top, b, length
 
 
+@pytest.mark.third_means("water.immerse by segments", by="inertia of an inclined rod in closed form")
 def test_inertia_of_inclined_rods_errs_by_no_more_than_its_bound_and_falls_with_the_square_of_segments() -> None:
     worst = {"force": 0.0, "moment": 0.0}
     for wave, start, b, length in inclined_rods(150):
@@ -154,6 +155,7 @@ def drag_along(scene, time):
     return exact[0], exact[1] * length, integral(lambda s: speed(s) ** 2)
 
 
+@pytest.mark.third_means("water.immerse by segments", by="drag of an inclined rod by quadrature")
 @pytest.mark.parametrize("current", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.0)], ids=["still", "current"])
 def test_drag_of_inclined_rods_errs_by_no_more_than_its_bound(current) -> None:
     worst = {"force": 0.0, "moment": 0.0}
@@ -186,6 +188,7 @@ def test_drag_of_inclined_rods_errs_by_no_more_than_its_bound(current) -> None:
     assert worst["moment"] > 0.02
 
 
+@pytest.mark.third_means("water.immerse by segments", by="∫ e^{2kz} dz, and ∫ |cos| cos along a wave")
 def test_drag_of_upright_and_of_level_rods_in_closed_form() -> None:
     # Upright: P u keeps its direction, ∫ e^{2kz} dz. Level along the wave: P u = w cos θ, and ∫ |cos| cos is
     # x/2 + sin(2x)/4 with the sign of the cosine, from zero to zero.
@@ -208,6 +211,7 @@ def test_drag_of_upright_and_of_level_rods_in_closed_form() -> None:
     assert abs(force_and_moment(level, 0.0)[0][2] - buoyancy - expected) <= (12 * k) ** 2 / 6 / n**2 * largest
 
 
+@pytest.mark.third_means("water.immerse by segments", "water._wet_part", by="ρ g d ∫ ζ of low waves")
 def test_buoyancy_of_a_rod_in_the_surface_errs_by_the_chords_of_its_wave() -> None:
     # Waves of a thousandth of the radius: the wet part is ½ + (2/π) ζ/R, so that buoyancy is ρ g d ∫ ζ, within (ζ/R)².
     amplitude = 1e-3 * RADIUS
@@ -248,6 +252,7 @@ def exact_turning(time):
     return (inertia + drag) / (1500.0 * length**2 / 12 + DISPLACED * length**3 / 12)
 
 
+@pytest.mark.third_means("water.immerse by segments", by="its angular acceleration in closed form")
 @pytest.mark.parametrize("engine", [tmj.DAE(), tmj.MuJoCo()], ids=["DAE", "MuJoCo"])
 def test_a_rod_longer_than_its_wave_turns_as_in_closed_form(engine) -> None:
     # The bounds of both loads, and of the added mass, 1/n² of the moment of inertia.
