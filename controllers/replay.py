@@ -64,7 +64,7 @@ class Cubics:
     times: Array
     coefficients: Array
     command: Command
-    arrays = "tensegrity_mj.engines.jax.program:cubic_law"
+    arrays = "tensegrity_mj.engines.jax.laws:cubic_law"
 
     def __call__(self, time: float, nodes: Array | None = None, velocities: Array | None = None) -> Array:
         """The values (M,) at a time [s]."""

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from tensegrity_mj.calls import simulate_many as simulate_many
     from tensegrity_mj.calls import stable_step as stable_step
     from tensegrity_mj.dynamics.native.law import Command as Command
-    from tensegrity_mj.engines.jax.engine import JAX as JAX
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo as MuJoCo
+    from tensegrity_mj.engines.jax.settings import JAX as JAX
     from tensegrity_mj.engines.mujoco.settings import Integrator as Integrator
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo as MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE as DAE
     from tensegrity_mj.engines.reference.method import Method as Method
     from tensegrity_mj.engines.reference.ode import ODE as ODE

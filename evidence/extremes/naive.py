@@ -14,9 +14,9 @@ import numpy as np
 from evidence.extremes.setups import OUTPUTS, Attempt, Setup, caught
 from evidence.extremes.verdicts import USEFUL
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import VARIABLES, sizes_of

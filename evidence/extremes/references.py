@@ -82,7 +82,7 @@ def _fixed(family: str, setup: Setup) -> list[tuple[Any, Any]]:
     # Of steps that are not split where strings go slack, two may be wrong by nearly the same.
     located = scene.contact is None
     if family == "mujoco":
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
+        from tensegrity_mj.engines.mujoco.settings import MuJoCo
 
         return [(MuJoCo(fine, locate_slack=located), MuJoCo(2 * fine, locate_slack=located))]
     make: Any = partial(DAE if family == "dae" else ODE, method=Method.RK4, locate_slack=located)

@@ -13,8 +13,7 @@ from typing import Any
 from evidence.promise.experiments import Experiment
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
 from tensegrity_mj.engines.accuracy.search import Steps
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.ode import ODE

@@ -24,8 +24,7 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco.clock import profiler_off
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.ode import ODE

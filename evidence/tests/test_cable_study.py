@@ -16,7 +16,7 @@ from evidence.cable.amplitude import extremes, response_amplitude, whirl
 from evidence.cable.cases import Case, default_step, fastest, run_cases, simulated
 from evidence.cable.chain import Chain
 from evidence.cable.steps import find_step, steps_within
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import OptionError

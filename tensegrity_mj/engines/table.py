@@ -50,7 +50,7 @@ ELASTIC_LIMITS = (
 ENGINES = {
     "mujoco": Descriptor(
         "MuJoCo",
-        "tensegrity_mj.engines.mujoco.engine:MuJoCo",
+        "tensegrity_mj.engines.mujoco.settings:MuJoCo",
         shares_model=True,
         limits=(
             Limit(has.BODIES & has.CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
@@ -149,7 +149,7 @@ ENGINES = {
     ),
     "jax": Descriptor(
         "JAX",
-        "tensegrity_mj.engines.jax.engine:JAX",
+        "tensegrity_mj.engines.jax.settings:JAX",
         {"method": "rk4"},
         (
             Limit(has.CONTACT, "no array function states its forces", _WITHOUT_CONTACT, OptionError),

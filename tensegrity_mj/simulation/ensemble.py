@@ -26,10 +26,10 @@ from tensegrity_mj.simulation.single import provenance_of
 from tensegrity_mj.vibration.step_warnings import warn_before_run
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.engine import JAX
     from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.jax.settings import JAX
     from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
 
 _MEMBERS: dict[str, Callable[[Any], Any]] = {
     "nodes": lambda structure: structure.node_names,

@@ -14,7 +14,7 @@ from tensegrity_mj import simulation, studies
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import SCENE_LAW
 from tensegrity_mj.controllers.specs import NO_LAW
-from tensegrity_mj.engines.jax.engine import JAX
+from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.simulation import ensemble
 from tensegrity_mj.studies.stability.report import StabilityStudy
 from tensegrity_mj.studies.sweep import simulate_point

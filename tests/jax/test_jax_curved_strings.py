@@ -17,8 +17,8 @@ from linked_scenes import hung
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import ArrayLaw
-from tensegrity_mj.engines.jax.engine import JAX
 from tensegrity_mj.engines.jax.model import Model
+from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Actuation
 

@@ -23,7 +23,7 @@ from pages import ROOT
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.jax.arrays import ArrayEffect
 from tensegrity_mj.engines.jax.effects import array_effects
-from tensegrity_mj.engines.jax.engine import JAX
+from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.errors import ElementError, SceneError
 from tensegrity_mj.model.capabilities import FUNCTION_LOADS, FUNCTION_MOTIONS, NO_ARRAYS
 

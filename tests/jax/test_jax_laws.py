@@ -22,8 +22,7 @@ from tensegrity_mj.controllers import Lyapunov, Onto, Program, Projection, Repla
 from tensegrity_mj.controllers.allocation import least_norm as compiled_least_norm  # noqa: E402
 from tensegrity_mj.dynamics.native.law import Command, Report  # noqa: E402
 from tensegrity_mj.dynamics.target import target_nodes  # noqa: E402
-from tensegrity_mj.engines.jax.policy import ArrayPolicy  # noqa: E402
-from tensegrity_mj.engines.jax.program import array_law  # noqa: E402
+from tensegrity_mj.engines.jax.laws import ArrayPolicy, array_law  # noqa: E402
 from tensegrity_mj.engines.jax.quadratic_law import least_norm, least_squares  # noqa: E402
 from tensegrity_mj.errors import OptionError  # noqa: E402
 from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure  # noqa: E402

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from analytic_runs import cone_run, cone_scene, planar_scene, run_of
 
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.waves import Sea, Wave

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.kernels import accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.scene import Scene

@@ -94,7 +94,7 @@ def _places(index: dict[str, int], names: Sequence[str]) -> NDArray[np.int64]:
 
 def confirmed(point: dict[str, Any]) -> dict[str, Any]:
     """Compute the stiffness by MuJoCo's own equations, from central differences of its forces; rods are rigid."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.linearization.chart import Chart
     from tensegrity_mj.statics.engines import AtRest
     from tensegrity_mj.statics.modes import mass_matrix

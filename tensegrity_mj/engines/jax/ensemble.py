@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -16,14 +15,12 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.driving import Grid
 from tensegrity_mj.engines.jax.model import Observed
 from tensegrity_mj.engines.jax.program import Program, trajectory_of
+from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.engine import JAX
 
 # What runs may differ in, as well as their starts, and what they may not.
 OF_STRINGS = ("stiffness", "damping", "rest_length", "force_density", "tension")

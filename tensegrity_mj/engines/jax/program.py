@@ -1,28 +1,31 @@
-"""A run as an array function of its parameters, and as a trajectory; laws that depend on time alone."""
+"""A run as an array function of its parameters, and as a trajectory."""
 
 from __future__ import annotations
 
-import pkgutil
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known, instance
-from tensegrity_mj.dynamics.native.law import Command, Report
+from tensegrity_mj.basics.checks import check_known, instance, real_array, shape_of
+from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.warned import warn_caller
+from tensegrity_mj.controllers.scenes import law_for
+from tensegrity_mj.dynamics.native.law import NativeLaw, Report
 from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress
-from tensegrity_mj.engines.jax.arrays import ArrayLaw, lifted, times
 from tensegrity_mj.engines.jax.effects import array_effects
-from tensegrity_mj.engines.jax.integrate import TO_THE_END, UNDEFINED, ControlledSteps, FixedSteps
+from tensegrity_mj.engines.jax.integrate import TO_THE_END, UNDEFINED, ControlledSteps, FixedSteps, Tolerances
+from tensegrity_mj.engines.jax.laws import array_law
 from tensegrity_mj.engines.jax.model import (
     EXTERNAL,
     LOST,
@@ -36,17 +39,16 @@ from tensegrity_mj.engines.jax.model import (
     Prepared,
     State,
 )
-from tensegrity_mj.engines.jax.strings import Strings
+from tensegrity_mj.engines.jax.settings import JAX, Derivatives, Method
 from tensegrity_mj.engines.recording import Account, make_trajectory
-from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
-from tensegrity_mj.model import actuation, capabilities, rods
-from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.engines.request import Request, request_for, settled
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.errors import ControllerError, DerivativeWarning, DivergenceError, OptionError
+from tensegrity_mj.model import capabilities, rods
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.engine import JAX
 
 VERSIONS = {one.__name__: one.__version__ for one in (jax, diffrax)}  # which decide the numbers
 
@@ -80,7 +82,7 @@ def trajectory_of(
     T, elastic = len(rows.time), rows.elastic_tensions
     energy = np.sum(structure.curves.stored(rows.lengths - rows.rest_lengths, elastic), axis=1)
     winch = np.zeros(T)
-    if request.actuation.mode is actuation.Mode.HOLD_REST_LENGTH:
+    if request.actuation.mode is Mode.HOLD_REST_LENGTH:
         winch = rows.works[:, WINCH]
     elif request.law.own is not None:  # by parts, -∫ T dL0 = Δ(energy) - ∫ T dL
         winch = energy - energy[:1] - rows.works[:, STORED]
@@ -134,10 +136,11 @@ class Program:
 
     def __init__(self, engine: JAX, request: Request, times: Array | None = None) -> None:
         scene, self.engine, self.request = request.scene, engine, request
+        require(engine, scene)
         own, law = request.law.own, None
         if own is not None:
             capabilities.require_rest_lengths(scene.structure)
-            if request.on_infeasible is actuation.OnInfeasible.PASSIVE:
+            if request.on_infeasible is OnInfeasible.PASSIVE:
                 raise OptionError(
                     "on_infeasible = OnInfeasible.PASSIVE: where a law has no solution, the engine JAX stops: use "
                     "OnInfeasible.STOP, or another engine"
@@ -155,7 +158,7 @@ class Program:
             )
         else:
             times = output_times(request) if times is None else times
-            self.steps = ControlledSteps(request.begin, times, scene.break_times, engine.tolerances)
+            self.steps = ControlledSteps(request.begin, times, scene.break_times, tolerances_of(engine))
         self.times = self.steps.times
         self.kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
         self._compiling = threading.Lock()
@@ -253,6 +256,59 @@ class Program:
         return jax.tree.map(lambda *x: np.concatenate(x), *parts), cost, ended
 
 
+def program_of(
+    engine: JAX,
+    scene: Scene,
+    controller: Any,
+    duration: float | None,
+    actuation: Actuation | None,
+    output_interval: float | None,
+    times: ArrayLike | None,
+) -> Program:
+    """Make the program of a run; see `JAX.model`."""
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
+    require(engine, scene)
+    controller = law_for(scene, controller)
+    if controller is not None and (isinstance(controller, type) or not callable(controller)):
+        raise OptionError(f"controller = {value_text(controller)}; use a law, as controllers.from_scene(scene, name)")
+    found = None
+    if times is not None:
+        begin = float(scene.start_time)
+        found = _instants(engine, times, duration, output_interval, begin)
+        duration = float(found[-1]) - begin
+    options = duration, actuation, OnInfeasible.STOP, output_interval, False
+    request = request_for(scene, controller, *options, lambda law, _: NativeLaw(0, 0, (), own=law))
+    engine, request, _ = settled(engine, request)
+    structure = scene.structure
+    damped = np.flatnonzero((structure.damping > 0) & ~structure.curves.constant)
+    if len(damped) and engine.method is Method.DOPRI8 and engine.window is None:
+        warn_caller(
+            f"string '{structure.strings[damped[0]].name}' has a damper: where it comes taut in a run, derivatives "
+            "by DOPRI8 miss its jump; use window=2e-3 [s], or window=0 where no damped string comes taut",
+            DerivativeWarning,
+        )
+    return Program(engine, request, found)
+
+
+def tolerances_of(engine: JAX) -> Tolerances:
+    """Tolerances and step limit for DOPRI8."""
+    forward = engine.derivatives is Derivatives.FORWARD
+    adjoint = diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint()
+    return Tolerances(engine.rtol, engine.atol, engine.max_steps, 0.25 * engine.spread or None, adjoint)
+
+
+def _instants(engine: JAX, times: ArrayLike, duration: float | None, interval: float | None, begin: float) -> Array:
+    """Check `times` (T,) of `model`."""
+    if engine.method is Method.RK4:
+        raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
+    if duration is not None or interval is not None:
+        raise OptionError("times: they have duration and output_interval in them; leave these out")
+    found = real_array("times", times, shape_of(times) or (2,), "s", scalar=False)
+    if found.ndim != 1 or len(found) < 2 or found[0] < begin or np.any(np.diff(found) <= 0):
+        raise OptionError(f"times = {value_text(times)}; two or more must rise from {begin:g} s or later")
+    return found
+
+
 def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
     """Return what a run begins with: what is prepared, the state, and the values held."""
     at = model.prepare(parameters)
@@ -307,63 +363,3 @@ def compiled(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any
         return jax.jit(function).lower(*arguments).compile()
     finally:
         timer.cancel()
-
-
-def array_law(law: Any, structure: Structure) -> ArrayLaw:
-    """The array function of a law for the strings of a structure; where some of them are ropes, for their parts.
-
-    Args:
-        law: one whose attribute `arrays` is "module:function", of a function (law, structure) -> ArrayLaw.
-
-    Where a law has no admissible command, its report's feasibility margin is zero or less, and its command void.
-
-    Raises:
-        OptionError: for a law without an array function.
-        ElementError: where it accounts for an element that has none.
-    """
-    place = getattr(law, "arrays", "")
-    if not place:
-        raise OptionError(
-            f"law {getattr(law, '__name__', type(law).__name__)} has no array function: state it in jax.numpy as "
-            "engines.ArrayPolicy(function, parameters) (docs/own-law.md), or take another engine"
-        )
-    try:
-        make = pkgutil.resolve_name(place)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise OptionError(
-            f"{law!r}.arrays = {place!r} cannot be imported ({error}); it must be 'module:function'"
-        ) from error
-    found: ArrayLaw = make(law, structure.massless)
-    return _spread(found, structure) if structure.ropes else found
-
-
-def cubic_law(law: Any, structure: Structure) -> ArrayLaw:
-    """A program or a recording, of no state; its parameter `coefficients` (T, M, 4) is that of its `Cubics`."""
-    moments, last = jnp.asarray(law.times), len(law.coefficients) - 1
-
-    def of(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        # A hair beyond a time counts as at it: samples and times differ by round-off.
-        k = jnp.clip(jnp.searchsorted(moments, t + 1e-9 * (moments[1] - moments[0]), side="right") - 1, 0, last)
-        since = jnp.clip(t, moments[0], moments[-1]) - moments[k]
-        value = jnp.tensordot(p["coefficients"][k], since ** jnp.arange(3.0, -1.0, -1.0), ((1,), (0,)))
-        batch = x.shape[2:]
-        return lifted(value, x[:, 0]) + jnp.zeros(batch), jnp.full((len(Report), *batch), jnp.nan)
-
-    return ArrayLaw({"coefficients": np.array(law.coefficients)}, of, law.command is Command.REST_LENGTH)
-
-
-def _spread(law: ArrayLaw, structure: Structure) -> ArrayLaw:
-    """Rest lengths of the parts of ropes, which the law knows as massless strings: their shares of L (1 - u/k)."""
-    light = structure.massless
-    shares = {rope.string.name: np.array(rope.shares) for rope in structure.ropes}
-    parts = [shares.get(string.name, np.ones(1)) for string in light.strings]
-    owns = np.repeat(np.eye(len(parts)), [len(part) for part in parts], axis=1)
-    count, strings, compliance = len(light.nodes), Strings(structure, 0.0), 1.0 / light.stiffness
-
-    def command(p: Any, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        rest, report = law.command(p, t, x[:count], v[:count])
-        if not law.returns_lengths:
-            rest = times(owns, strings.measure(x, v)[0]) * (1.0 - rest * lifted(compliance, rest))
-        return times((owns * np.concatenate(parts)).T, rest), report
-
-    return ArrayLaw(law.parameters, command, returns_lengths=True)

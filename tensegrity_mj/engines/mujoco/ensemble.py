@@ -6,9 +6,9 @@ recording are those of a single run, by the same compiled code.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -23,16 +23,11 @@ from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with, within
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
 
 TOKEN = 0.7390851332151607  # separates userdata of ours from any other
 

@@ -9,7 +9,7 @@ change, shorter steps are tried from the same start, whose state and forces were
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -35,11 +35,8 @@ from tensegrity_mj.engines.mujoco.callback import finish_row, read_nodes
 from tensegrity_mj.engines.mujoco.motion import count_constraints
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUN, RUNNING, STAGE, STEP, RunView
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.request import Request
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
 
 STAGES = 4
 SEEN, UNSEEN = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_NONE)  # whether `_see` was called

@@ -22,8 +22,7 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.engines.requirements import engines_for, require
 from tensegrity_mj.engines.table import ENGINES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -16,6 +16,7 @@ from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, ST
 from tensegrity_mj.engines import continuing, driving, requirements
 from tensegrity_mj.engines.mujoco import answers, contact, install, joints, motion, prepared, run_view
 from tensegrity_mj.engines.mujoco.install import finish
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, TensegrityError
@@ -23,10 +24,6 @@ from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import BEYOND, blame_divergence, check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
 
 # MuJoCo's warnings about states that are no longer physical; it only warns, so we stop.
 _WARNINGS = {

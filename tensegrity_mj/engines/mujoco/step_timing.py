@@ -26,10 +26,10 @@ import numpy as np
 
 from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import STEP
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.request import Request, request_for
 from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible

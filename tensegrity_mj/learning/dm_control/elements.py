@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import rotation_to
 from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.learning.dm_control.models import model
 from tensegrity_mj.learning.dm_control.repairing import repair

@@ -14,8 +14,7 @@ from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
-from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.dm_control.models import physics
 from tensegrity_mj.learning.dm_control.repairing import repair

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco import engine, mjcf, mjcf_tree, settings
+from tensegrity_mj.engines.mujoco import mjcf, mjcf_tree, settings
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.learning.dm_control.readings import pushed_nodes
 from tensegrity_mj.model.scene import Scene
@@ -45,7 +45,7 @@ def physics(
         StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
         SceneError: for supports that move, and for water that adds mass to rods.
     """
-    options = engine.MuJoCo(timestep, integrator)
+    options = settings.MuJoCo(timestep, integrator)
     member("command", command, Command)
     options.model(scene)  # for its errors: dm_control's would not say what to do
     from tensegrity_mj.learning.dm_control.repairing import repair
@@ -56,7 +56,7 @@ def physics(
     return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
 
 
-def model(scene: Scene, command: Command, options: engine.MuJoCo) -> ET.Element:
+def model(scene: Scene, command: Command, options: settings.MuJoCo) -> ET.Element:
     """The MJCF of a scene for the given command, forces on nodes included; actuators of strings come first.
 
     Raises:

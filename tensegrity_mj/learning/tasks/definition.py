@@ -20,7 +20,7 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.tasks.starts import RandomStart

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.checks import checked, real_array
 from tensegrity_mj.basics.kinds import whole
 from tensegrity_mj.controllers.replay import Replay
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.learning.tasks.definition import Task
 from tensegrity_mj.learning.tasks.robots import task_of

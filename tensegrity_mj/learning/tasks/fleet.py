@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.replay import cubics
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco import engine, ensemble, install, many, run_view
+from tensegrity_mj.engines.mujoco import ensemble, install, many, run_view, settings
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.tasks.definition import substeps
@@ -40,7 +40,7 @@ class Fleet(ensemble.MuJoCoEnsemble):
         OptionError: where the period is no multiple of the step, and for strings whose tension is a curve.
     """
 
-    def __init__(self, scene: Scene, options: engine.MuJoCo, period: float, count: int, threads: int) -> None:
+    def __init__(self, scene: Scene, options: settings.MuJoCo, period: float, count: int, threads: int) -> None:
         self.substeps = substeps(period, options.timestep)
         if not scene.structure.curves.linear:
             raise OptionError(f"scene '{scene.name}': tensions of its strings are curves; give them a stiffness alone")

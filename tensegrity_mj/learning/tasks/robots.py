@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.controllers.program import Program
-from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.tasks.definition import Goal, State, Task, effort
 from tensegrity_mj.learning.tasks.starts import RandomStart

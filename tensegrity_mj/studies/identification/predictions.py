@@ -155,8 +155,8 @@ class Differentiated(Predictions):
         import jax.numpy as jnp
         from jax.flatten_util import ravel_pytree
 
-        from tensegrity_mj.engines.jax.engine import Derivatives, Method
         from tensegrity_mj.engines.jax.program import compiled
+        from tensegrity_mj.engines.jax.settings import Derivatives, Method
 
         unknowns, observation = self.unknowns, self.observation
         # `_check_slack` warns where it is due: `model` is not to warn of every damper.

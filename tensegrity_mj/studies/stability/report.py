@@ -165,7 +165,7 @@ def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
 
 def _engine_of_run(scene: Scene, law: Any) -> Any:
     """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE
 
     if scene.contact is None:

@@ -217,7 +217,7 @@ def find_reference(experiment: Experiment, budget: float) -> Reference:
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
     """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE, Solver
     from tensegrity_mj.engines.reference.method import Method
     from tensegrity_mj.engines.reference.ode import ODE

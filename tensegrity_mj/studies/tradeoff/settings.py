@@ -21,7 +21,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, TradeoffOptions, divides
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE
     from tensegrity_mj.engines.reference.ode import ODE
 
@@ -119,8 +119,7 @@ def _at_steps(
 
 
 def _of_mujoco(_: str, experiment: Experiment, options: TradeoffOptions) -> Iterator[Setting]:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
+    from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 
     for integrator in Integrator:
         usual, engine = MuJoCo(integrator=integrator), partial(MuJoCo, integrator=integrator)

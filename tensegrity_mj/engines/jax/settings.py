@@ -1,33 +1,26 @@
-"""The engine `JAX`: a scene's `Model`, integrated and differentiated by JAX."""
+"""Options of the engine `JAX`: a value, which imports nothing that runs."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from tensegrity_mj.basics import checks, texts, warned
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, number, positive, whole
-from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
-from tensegrity_mj.dynamics.native.law import NativeLaw
-from tensegrity_mj.engines.jax.integrate import Tolerances
-from tensegrity_mj.engines.jax.program import Program
-from tensegrity_mj.engines.request import Accelerations, Request, request_for, settled
-from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.controllers.scenes import SCENE_LAW
 from tensegrity_mj.engines.table import ENGINES
-from tensegrity_mj.errors import DerivativeWarning, OptionError
-from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
+    from numpy.typing import ArrayLike
+
+    from tensegrity_mj.engines.request import Accelerations, Request
+    from tensegrity_mj.model.actuation import Actuation
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.runs.trajectory import Trajectory
 
 WINDOW = 4  # steps over which derivatives spread the jump of a damped string that comes taut
 DOPRI8_VECTORS = 20  # 14 rates, state, error, dense output
@@ -101,15 +94,6 @@ class JAX:
             return 0.0 if self.timestep is None else WINDOW * self.timestep
         return self.window
 
-    @property
-    def tolerances(self) -> Tolerances:
-        """Tolerances and step limit for DOPRI8."""
-        import diffrax
-
-        forward = self.derivatives is Derivatives.FORWARD
-        adjoint = diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint()
-        return Tolerances(self.rtol, self.atol, self.max_steps, 0.25 * self.spread or None, adjoint)
-
     def model(
         self,
         scene: Scene,
@@ -119,8 +103,8 @@ class JAX:
         actuation: Actuation | None = None,
         output_interval: float | None = None,
         times: ArrayLike | None = None,
-    ) -> Program:
-        """A run as an array function of its parameters; arguments as `simulate`.
+    ) -> Any:
+        """A run as an array function of its parameters, a `Program`; arguments as `simulate`.
 
         Args:
             times: (T,) [s] at which the run is recorded in place of `output_interval`, rising from its start or later;
@@ -133,54 +117,21 @@ class JAX:
         Raises:
             SceneError, StructureError, OptionError: as `simulate`.
         """
-        checks.instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-        require(self, scene)
-        controller = law_for(scene, controller)
-        if controller is not None and (isinstance(controller, type) or not callable(controller)):
-            raise OptionError(
-                f"controller = {texts.value_text(controller)}; use a law, as controllers.from_scene(scene, name)"
-            )
-        found = None
-        if times is not None:
-            begin = float(scene.start_time)
-            found = self._instants(times, duration, output_interval, begin)
-            duration = float(found[-1]) - begin
-        options = duration, actuation, OnInfeasible.STOP, output_interval, False
-        request = request_for(scene, controller, *options, lambda law, _: NativeLaw(0, 0, (), own=law))
-        engine, request, _ = settled(self, request)
-        structure = scene.structure
-        damped = np.flatnonzero((structure.damping > 0) & ~structure.curves.constant)
-        if len(damped) and self.method is Method.DOPRI8 and self.window is None:
-            warned.warn_caller(
-                f"string '{structure.strings[damped[0]].name}' has a damper: where it comes taut in a run, derivatives "
-                "by DOPRI8 miss its jump; use window=2e-3 [s], or window=0 where no damped string comes taut",
-                DerivativeWarning,
-            )
-        return Program(engine, request, found)
-
-    def _instants(self, times: ArrayLike, duration: float | None, interval: float | None, begin: float) -> Array:
-        """Check `times` (T,) of `model`."""
-        if self.method is Method.RK4:
-            raise OptionError("times: RK4 records at multiples of output_interval; use that, or Method.DOPRI8")
-        if duration is not None or interval is not None:
-            raise OptionError("times: they have duration and output_interval in them; leave these out")
-        found = checks.real_array("times", times, checks.shape_of(times) or (2,), "s", scalar=False)
-        if found.ndim != 1 or len(found) < 2 or found[0] < begin or np.any(np.diff(found) <= 0):
-            raise OptionError(f"times = {texts.value_text(times)}; two or more must rise from {begin:g} s or later")
-        return found
+        return _program().program_of(self, scene, controller, duration, actuation, output_interval, times)
 
     def accelerations(self, request: Request) -> Accelerations:
         """Accelerations of the nodes at one state."""
-        require(self, request.scene)
-        return Program(self, request).accelerations()
+        return _program().Program(self, request).accelerations()
 
-    def ensemble(self, requests: Sequence[Request], threads: int) -> JAXEnsemble:
+    def ensemble(self, requests: Sequence[Request], threads: int) -> Any:
         """Many runs of RK4 on threads, for `simulate_many`."""
-        from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
-
-        return JAXEnsemble(self, requests, threads)
+        return import_module(f"{__package__}.ensemble").JAXEnsemble(self, requests, threads)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
-        require(self, request.scene)
-        return Program(self, request).trajectory()
+        return _program().Program(self, request).trajectory()
+
+
+def _program() -> Any:
+    """The module that runs these options; by its name, as it imports this one."""
+    return import_module(f"{__package__}.program")
