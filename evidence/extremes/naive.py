@@ -18,8 +18,8 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.runs.convergence import Estimate, way_of
+from tensegrity_mj.runs.recorded import VARIABLES, sizes_of
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import VARIABLES, sizes_of
 
 
 def applies(setup: Setup) -> bool:

@@ -14,8 +14,8 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
 from tensegrity_mj.runs import convergence
 from tensegrity_mj.runs.convergence import Estimate, way_of
+from tensegrity_mj.runs.recorded import LAW_REPORTS, VARIABLES
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
 
 USEFUL = 0.05  # of the way that the nodes went: a run that bounds its error by more does not claim to be right
 ROUND_OFF = 1e-11  # of the extent: a formulation's own coordinates cost this much

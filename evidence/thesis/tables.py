@@ -20,8 +20,7 @@ from evidence.thesis.expression import compiled
 from evidence.thesis.lookup import all_measures
 from evidence.thesis.statement import Statement
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.model.text.codec import read
-from tensegrity_mj.model.text.table import Table
+from tensegrity_mj.model.text.codec import Table, read
 
 FOLDER = Path(__file__).parent / "tables"
 SENSITIVITY = FOLDER / "sensitivity.json"  # which errors rows notice, made by evidence/pages/sensitivity.py

@@ -13,7 +13,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.files import content_of
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.model.text.table import Table, shown
+from tensegrity_mj.model.text.codec import Table, shown
 
 yaml = optional("yaml", "a model of NTRT", of_extra("ntrt"))
 

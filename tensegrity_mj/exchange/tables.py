@@ -27,7 +27,7 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure_checks import check_bars_alone, names_of
 from tensegrity_mj.model.text import codec
-from tensegrity_mj.model.text.table import Table
+from tensegrity_mj.model.text.codec import Table
 
 OF_ALL = {"name": "", "source": "", "structure": "", "duration": ""}
 

@@ -76,7 +76,6 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
 
 
 def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) -> Structure:
-    """See `Structure.with_strings`."""
     optional = (*PRESTRESS, *LIMITS, "strength")
     allowed = ("stiffness", "damping", *optional)
     for key in changes:
@@ -110,7 +109,6 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
 
 
 def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, prefix: str) -> Structure:
-    """See `Structure.merged`."""
     instance("merged: other", other, type(one), "it must be a Structure")
     instance("merged: join", join, (bool, Mapping), "it must be True, False, or a table {node of the other: node}")
     instance("merged: prefix", prefix, str, "it must be a text, as 'b_'")

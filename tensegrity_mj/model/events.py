@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.model.elements.element import Element, as_forces
 from tensegrity_mj.model.members import Vector
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
 
 LoadFunction = Callable[[float], ArrayLike]
 
@@ -40,6 +46,22 @@ def loads_kind() -> kinds.Kind:
     """Kind of loads: several `Load`s, or a function of time, which no file can hold."""
     several = kinds.parts(Load, "Load(node, force), or a function t -> (N, 3) in place of them all")
     return several._replace(plain=lambda value: value if callable(value) else several.plain(value))
+
+
+@dataclass(frozen=True)
+class NodalLoads(Element):
+    """The `loads` of its scene: `Load`s, or a function of time."""
+
+    smooth = True
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.loads:pack_loads"
+    arrays = "tensegrity_mj.engines.jax.effects:loads"
+    label = "loads"
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        times = np.broadcast_to(np.asarray(time, float), nodes.shape[:-2])
+        forces = [as_forces(scene.nodal_forces(float(t)), nodes.shape[-2:]) for t in times.ravel()]
+        return np.array(forces, float).reshape(nodes.shape)
 
 
 @value("break of string {string!r}")

@@ -252,7 +252,6 @@ def _plane(given: Given) -> Vector | None:
 
 
 def without_mass(structure: Structure) -> Structure:
-    """See `Structure.massless`."""
     if not structure.ropes:
         return structure
     own = {name for rope in structure.ropes for name in rope.nodes}

@@ -1,4 +1,4 @@
-"""Scenes: a structure, and all that one experiment needs of its surroundings.
+"""Scenes: a structure, all that one experiment needs of its surroundings, and how the whole stands and starts.
 
 SI units; world frame right-handed, z up; arrays of node positions and velocities are (N, 3), rows in the
 order of `Structure.node_names`.
@@ -6,6 +6,7 @@ order of `Structure.node_names`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
 
@@ -13,25 +14,76 @@ import numpy as np
 
 from tensegrity_mj.basics import pictured
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
+from tensegrity_mj.basics.fields import SAME_ARRAY, field, refused, value
 from tensegrity_mj.basics.kinds import array, choice, not_negative, part, parts, positive, text, vector
+from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.elastic_rods import ElasticRods
 from tensegrity_mj.model.elements.element import Element
-from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.elements.resistance import NodalDamping, Resistance
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.water_segments import SegmentCount, segment_count
-from tensegrity_mj.model.events import Break, ControlSpec, Load, LoadFunction, loads_kind
+from tensegrity_mj.model.events import Break, ControlSpec, Load, LoadFunction, NodalLoads, loads_kind
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import moved_positions, velocities_with_supports
 from tensegrity_mj.model.redundancy import Redundancy, redundancy
+from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.ropes import RopeStart, completed, with_ropes
-from tensegrity_mj.model.scene_checks import check_scene
+from tensegrity_mj.model.scene_checks import check_scene, check_velocities
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.whole import STILL, Whole
+
+STILL = (0.0, 0.0, 0.0)
+
+
+@value("whole")
+class Whole:
+    """A structure rotated about the origin, then translated, then given a velocity; all of it in the world frame.
+
+    Attributes:
+        rotation: vector along the axis, as long as the angle [rad], by the right hand.
+        translation: after the rotation [m].
+        velocity: of the center [m/s].
+        angular_velocity: about the center [rad/s].
+        center: a point of space [m], where the structure stands by then; None for its centre of mass.
+    """
+
+    rotation: Vector = field(vector("rad"), default=STILL)
+    translation: Vector = field(vector("m"), default=STILL)
+    velocity: Vector = field(vector("m/s"), default=STILL)
+    angular_velocity: Vector = field(vector("rad/s"), default=STILL)
+    center: Vector | None = field(vector("m"), default=None, none="None for the centre of mass")
+
+    def __attrs_post_init__(self) -> None:
+        if math.hypot(*self.rotation) > 2 * math.pi:
+            raise refused(self, f"rotation = {list(self.rotation)}; its length is an angle in rad, of at most 2π")
+
+    def start(self, scene: Scene) -> Scene:
+        """Return the scene whose nodes have the velocity of the whole added to their own at t = 0.
+
+        Raises:
+            SceneError: where supports, planes or fixed nodes do not let the whole move so.
+        """
+        if not any((*self.velocity, *self.angular_velocity)):
+            return scene
+        structure, nodes = scene.structure, scene.nodes0
+        middle = np.average(nodes, axis=0, weights=lumped_masses(structure))
+        center = middle if self.center is None else np.array(self.center)
+        rates = np.array(self.velocity) + np.cross(self.angular_velocity, nodes - center)
+        for row in (structure.node_index[name] for name in structure.fixed_nodes):
+            if np.abs(rates[row]).max() <= CONSTRAINT_TOLERANCE * np.abs(rates).max():
+                rates[row] = 0.0  # on the axis, but for round-off
+        try:
+            check_velocities(structure, nodes, rates, {}, "whole")
+        except SceneError as error:
+            raise SceneError(
+                f"{error}: the ground holds it there, so that the whole cannot start with velocity = "
+                f"{list(self.velocity)} and angular_velocity = {list(self.angular_velocity)}; give what its supports "
+                "allow (center = a point that stays), velocities of nodes by initial_velocities, or free it"
+            ) from None
+        return scene.with_(initial_velocities=scene.velocities0 + rates)
 
 
 @value("scene {name!r}")

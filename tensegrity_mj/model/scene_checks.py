@@ -96,14 +96,6 @@ def check_node_array(structure: Structure, what: str, value: Array) -> None:
         )
 
 
-def _broken(
-    structure: Structure, values: Array, base: Array, moved: Mapping[str, Array], limit: float
-) -> Iterator[tuple[str, Any, float]]:
-    """The rods and point masses whose support or plane is broken by more than a limit, which it is, and by how much."""
-    found = _deviations(structure, values, base, moved)
-    return ((what, member, off) for what, member, off in found if off > limit)
-
-
 def _deviations(
     structure: Structure, values: Array, base: Array, moved: Mapping[str, Array]
 ) -> Iterator[tuple[str, Any, float]]:
@@ -155,7 +147,9 @@ def check_configuration(
         if off > limit:
             how = "is held, and must stay at its place" if body.held else "is rigid: all its nodes move as one"
             raise SceneError(f"{where}: a node of body '{body.name}' is {off:.3g} m off; it {how}")
-    for what, member, off in _broken(structure, nodes, structure.positions, moved, limit):
+    for what, member, off in _deviations(structure, nodes, structure.positions, moved):
+        if off <= limit:
+            continue
         if what == "mass":
             raise SceneError(f"{where}: the point mass on node '{member.node}' is {off:.3g} m out of its plane")
         if what == "plane":
@@ -200,7 +194,9 @@ def check_velocities(
         if off > limit:
             how = "held, and at rest" if body.held else "rigid: give its nodes v + ω × x, as `moving` does"
             raise SceneError(f"{where}: a node of body '{body.name}' is {off:.3g} m/s off; it is {how}")
-    for what, member, off in _broken(structure, velocities, np.zeros_like(velocities), moved, limit):
+    for what, member, off in _deviations(structure, velocities, np.zeros_like(velocities), moved):
+        if off <= limit:
+            continue
         if what == "mass":
             raise SceneError(f"{where}: the point mass on '{member.node}' leaves its plane at {off:.3g} m/s")
         if what == "plane":

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import checked, real_array, sequence_of
+from tensegrity_mj.basics.checks import checked, real_array, sequence_of, shape_of
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, direction, mapping, names, parts, printable_name, text, vector
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
-from tensegrity_mj.model.from_arrays import joined_rods, members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, StringLaw, Support, Vector, lumps_of
 from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
@@ -105,7 +105,7 @@ class Structure:
             StructureError: as the constructor, and for arrays of the wrong shape.
         """
         given = {key: value for key, value in locals().items() if key not in ("cls", "name", "string_law")}
-        return cls(name=name, string_law=string_law, **members_from(given))
+        return cls(name=name, string_law=string_law, **_members_from(given))
 
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
         """Return a copy whose strings have another stiffness, damping, prestress, other limits or `strength`.
@@ -241,7 +241,21 @@ class Structure:
     @cached_property
     def clusters(self) -> tuple[tuple[int, ...], ...]:
         """Rows of the rods that hang together through joints, a cluster each, in the order of their first rods."""
-        return joined_rods([rod.nodes for rod in self.rods], self.rods_at)
+        seen: set[int] = set()
+        left = dict(self.rods_at)  # each node is visited once, however many rods it has
+        found = []
+        for first in range(len(self.rods)):
+            if first in seen:
+                continue
+            cluster, todo = {first}, [first]
+            while todo:
+                for name in self.rods[todo.pop()].nodes:
+                    new = [row for row in left.pop(name, ()) if row not in cluster]
+                    cluster.update(new)
+                    todo.extend(new)
+            seen |= cluster
+            found.append(tuple(sorted(cluster)))
+        return tuple(found)
 
     @cached_property
     def rod_nodes(self) -> IntArray:
@@ -370,3 +384,78 @@ class Structure:
 def _readonly(array: T) -> T:
     array.flags.writeable = False
     return array
+
+
+def _members_from(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Nodes and members for the constructor of a structure, of the arguments of `Structure.from_arrays` by name.
+
+    Raises:
+        StructureError: for arrays of the wrong shape.
+    """
+    shape = shape_of(given["nodes"]) or ()
+    if shape[1:] != (3,):
+        shown = value_text(given["nodes"]) + (f" of shape {shape}" if shape else "")
+        raise StructureError(f"nodes = {shown}; it must be an array of shape (N, 3) [m], a row a node")
+    count = shape[0]
+    positions = real_array("nodes", given["nodes"], (count, 3), "m", False, StructureError)
+    names = [f"n{i + 1}" for i in range(count)]
+    rods = _index_pairs("rods", given["rods"], count)
+    paths = _index_pairs("strings", given["strings"], count, more=True)
+
+    def columns(members: list[tuple[int, ...]], *what: str) -> list[tuple[Any, ...]]:
+        """A row of these numbers for each member; None for what is not given."""
+        size, found = len(members), []
+        for key in what:
+            if given[key] is None:
+                found.append([None] * size)
+            else:
+                found.append(real_array(key, given[key], (size,), error=StructureError).tolist())
+        return list(zip(*found, strict=True))
+
+    def single(what: str, rows: Any) -> list[str]:
+        return [names[i] for i, _ in _index_pairs(what, [(i, i) for i in rows], count)]
+
+    supports = given["supports"]
+    held = [Support.free()] * len(rods) if supports is None else list(supports)
+    if len(held) != len(rods):
+        raise StructureError(f"supports: {len(held)} for {len(rods)} rods; give one a rod")
+    bars = columns(rods, "rod_mass", "rod_radius")
+    strings = columns(paths, "stiffness", "damping", "rest_length", "tension", "force_density")
+    massive = [
+        {"mass": mass, "segments": given["segments"]} if mass else {} for (mass,) in columns(paths, "string_mass")
+    ]
+    heavy = dict(given["point_masses"] or {})
+    return {
+        "nodes": dict(zip(names, map(tuple, positions.tolist()), strict=True)),
+        "rods": tuple(
+            Rod(f"r{a + 1}", (names[i], names[j]), mass, radius, support)
+            for a, ((i, j), (mass, radius), support) in enumerate(zip(rods, bars, held, strict=True))
+        ),
+        "strings": tuple(
+            String(f"s{a + 1}", tuple(names[i] for i in path), *strings[a], **massive[a])
+            for a, path in enumerate(paths)
+        ),
+        "fixed_nodes": tuple(single("fixed_nodes", given["fixed_nodes"])),
+        "point_masses": tuple(
+            PointMass(name, m) for name, m in zip(single("point_masses", heavy), heavy.values(), strict=True)
+        ),
+    }
+
+
+def _index_pairs(what: str, values: Any, count: int, more: bool = False) -> list[tuple[int, ...]]:
+    """The values as pairs (with `more`, paths of two or more) of node indices below `count`."""
+    found = []
+    for row, given in enumerate(sequence_of(what, values, StructureError)):
+        try:
+            path = tuple(int(x) for x in given)
+            if len(path) < 2 or (len(path) > 2 and not more):
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            need = "a pair of node indices" + ", or more" * more
+            raise StructureError(f"{what}[{row}] = {given!r}: it must be {need}") from None
+        if any(i != x for i, x in zip(path, given, strict=True)):
+            raise StructureError(f"{what}[{row}] = {list(given)}: node indices must be integers")
+        if not all(0 <= i < count for i in path):
+            raise StructureError(f"{what}[{row}] = {path}: node indices run from 0 to {count - 1}")
+        found.append(path)
+    return found

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import Comparison as Comparison
     from tensegrity_mj.runs.comparison import compare as compare
     from tensegrity_mj.runs.convergence import orders_between as orders_between
+    from tensegrity_mj.runs.energy import winch_power as winch_power
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
     from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
     from tensegrity_mj.runs.scoring import Limit as Limit
@@ -26,6 +27,5 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.table import read_table as read_table
     from tensegrity_mj.runs.trajectory import Status as Status
     from tensegrity_mj.runs.trajectory import Trajectory as Trajectory
-    from tensegrity_mj.runs.winches import winch_power as winch_power
 else:
     __getattr__, __dir__ = face(__name__)

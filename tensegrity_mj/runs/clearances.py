@@ -32,8 +32,8 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.contact import sharing
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.runs import clearance_kernels, least_distance, moving_segments, near_stretches
-from tensegrity_mj.runs import clearance_kernels as kernels
+from tensegrity_mj.runs import least_distance as kernels
+from tensegrity_mj.runs import segments as moving
 from tensegrity_mj.runs.approaches import Approach, Clearance, Event, Pairs
 from tensegrity_mj.runs.segments import closest_points
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -85,9 +85,9 @@ class ClearanceSearch:
         self.until = np.concatenate([np.full(rods, np.inf), path.until[strings]])
         self.pairs, self.pair_kinds = _pairs(self.nodes, rods, kinds, self.until > self.time[0])
         self.way = np.zeros((len(self.nodes), len(self.time)))
-        moving_segments.paths(self.P, self.V, self.time, self.nodes, self.way)
-        self.motion = moving_segments.Motion(self.P, self.V, self.time, self.way)
-        self.elements = clearance_kernels.Elements(self.nodes, self.until, self.radii)
+        moving.paths(self.P, self.V, self.time, self.nodes, self.way)
+        self.motion = moving.Motion(self.P, self.V, self.time, self.way)
+        self.elements = kernels.Elements(self.nodes, self.until, self.radii)
         self._sort()
 
     def _sort(self) -> None:
@@ -114,7 +114,7 @@ class ClearanceSearch:
         with bar(progress, "clearance", total=len(self.pairs), unit="pair") as shown:
             for first in range(0, len(self.pairs), PIECE):
                 rows = slice(first, first + PIECE)
-                couples = clearance_kernels.Couples(self.pairs[rows], self.pair_kinds[rows])
+                couples = kernels.Couples(self.pairs[rows], self.pair_kinds[rows])
                 kernels.search(
                     self.motion, self.elements, couples, self.limits, bool(every_pair), self.margin, found[rows]
                 )
@@ -157,7 +157,7 @@ class ClearanceSearch:
         """The nearest of a pair about a place (interval, part, width) within a span of time."""
         i, j = pair
         ends, thick, _ = kernels.couple(self.elements, i, j)
-        apart, when, s, t = least_distance.sharpened(self.motion, ends, *place, span)
+        apart, when, s, t = kernels.sharpened(self.motion, ends, *place, span)
         a, b, c, d = self._world(when)[list(ends)]
         rods = len(self.path.structure.rods)
         kind = Pairs.ROD_ROD if j < rods else Pairs.ROD_STRING if i < rods else Pairs.STRING_STRING
@@ -175,7 +175,7 @@ class ClearanceSearch:
 
     def _world(self, when: float) -> Array:
         """Node positions (N, 3) [m] at a time."""
-        k = moving_segments.interval_of(self.time, when)
+        k = moving.interval_of(self.time, when)
         h = self.time[k + 1] - self.time[k]
         return _hermite((when - self.time[k]) / h, h, *self.positions[k : k + 2], *self.velocities[k : k + 2])
 
@@ -185,8 +185,8 @@ class ClearanceSearch:
         for row, start, end in kernels.all_stretches(self.motion, self.elements, pairs, level, self.margin):
             pair, span = (int(pairs[row, 0]), int(pairs[row, 1])), (start, min(end, self.end))
             ends = kernels.couple(self.elements, *pair)[0]
-            _, *place = least_distance.least(self.motion, pair, ends, span, np.inf, self.margin)
-            times = near_stretches.crossings(self.motion, ends, span, noise)
+            _, *place = kernels.least(self.motion, pair, ends, span, np.inf, self.margin)
+            times = kernels.crossings(self.motion, ends, span, noise)
             yield Event(self._sharpened(pair, tuple(place), span), *span, tuple(times))
 
     def _interpolation_error(self) -> float:

@@ -23,8 +23,8 @@ from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.matfile import legal_names, save_mat
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs import variables as known
-from tensegrity_mj.runs.ends import parts_of
+from tensegrity_mj.runs import recorded as known
+from tensegrity_mj.runs.end_state import parts_of
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
 from tensegrity_mj.runs.recorded import RecordedRun
 from tensegrity_mj.runs.water_loads import loaded_by_water

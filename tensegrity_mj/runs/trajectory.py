@@ -14,7 +14,7 @@ from tensegrity_mj.basics import files, pictured, texts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import printable
 from tensegrity_mj.runs.recorded import RecordedRun
-from tensegrity_mj.runs.variables import Status as Status
+from tensegrity_mj.runs.recorded import Status as Status
 
 if TYPE_CHECKING:
     import pandas

@@ -13,24 +13,21 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.equilibrium import find_equilibrium as find_equilibrium
     from tensegrity_mj.statics.equilibrium import relax as relax
     from tensegrity_mj.statics.lightest import minimal_mass as minimal_mass
-    from tensegrity_mj.statics.member_loads import Criterion as Criterion
-    from tensegrity_mj.statics.member_loads import SlackInterval as SlackInterval
-    from tensegrity_mj.statics.member_loads import Use as Use
     from tensegrity_mj.statics.model import Rods as Rods
     from tensegrity_mj.statics.model import StaticModel as StaticModel
     from tensegrity_mj.statics.modes import Modes as Modes
     from tensegrity_mj.statics.modes import mode_trajectory as mode_trajectory
     from tensegrity_mj.statics.modes import natural_modes as natural_modes
+    from tensegrity_mj.statics.path import Curve as Curve
     from tensegrity_mj.statics.path import End as End
     from tensegrity_mj.statics.path import Path as Path
+    from tensegrity_mj.statics.path import Response as Response
+    from tensegrity_mj.statics.path import SlackEvent as SlackEvent
     from tensegrity_mj.statics.path import follow as follow
     from tensegrity_mj.statics.path_steps import Critical as Critical
     from tensegrity_mj.statics.path_steps import Kind as Kind
     from tensegrity_mj.statics.prestress import Prestressability as Prestressability
     from tensegrity_mj.statics.prestress import prestressability as prestressability
-    from tensegrity_mj.statics.response import Curve as Curve
-    from tensegrity_mj.statics.response import Response as Response
-    from tensegrity_mj.statics.response import SlackEvent as SlackEvent
     from tensegrity_mj.statics.sizing import ALUMINIUM as ALUMINIUM
     from tensegrity_mj.statics.sizing import STEEL as STEEL
     from tensegrity_mj.statics.sizing import UHMWPE as UHMWPE
@@ -42,8 +39,11 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState as StaticState
     from tensegrity_mj.statics.state import standalone_scene as standalone_scene
     from tensegrity_mj.statics.stiffening import Verdict as Verdict
+    from tensegrity_mj.statics.strength import Criterion as Criterion
     from tensegrity_mj.statics.strength import MemberCheck as MemberCheck
+    from tensegrity_mj.statics.strength import SlackInterval as SlackInterval
     from tensegrity_mj.statics.strength import TrajectoryCheck as TrajectoryCheck
+    from tensegrity_mj.statics.strength import Use as Use
     from tensegrity_mj.statics.strength import check_members as check_members
     from tensegrity_mj.statics.strength import check_state as check_state
     from tensegrity_mj.statics.strength import check_trajectory as check_trajectory

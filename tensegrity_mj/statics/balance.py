@@ -19,8 +19,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
-from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.statics.rounding import round_off
+from tensegrity_mj.statics.model import StaticModel, round_off
 
 BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
 

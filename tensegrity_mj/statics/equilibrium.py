@@ -29,8 +29,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions, require_held
-from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.statics.rounding import EPS, round_off
+from tensegrity_mj.statics.model import EPS, StaticModel, round_off
 from tensegrity_mj.statics.state import StaticState
 
 FIRST_REGULARIZATION = 1e-3  # of the stiffest string

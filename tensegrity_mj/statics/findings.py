@@ -14,7 +14,7 @@ from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.statics.listing import SHOWN, by_member, counted, listed, statistics
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes
-from tensegrity_mj.statics.response import Response
+from tensegrity_mj.statics.path import Response
 from tensegrity_mj.statics.result import Search, StaticResult
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.stiffening import Verdict

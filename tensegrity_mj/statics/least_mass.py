@@ -27,7 +27,7 @@ from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
-from tensegrity_mj.statics.signs import linear_program
+from tensegrity_mj.statics.stress_signs import linear_program
 
 NO_FORCE = 1e-9  # of the largest force: below it a compression is the round-off of a linear program
 ROUNDS = 4  # of tightening bounds on N before they are split, and of moving tangents

@@ -34,10 +34,10 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.tension_curves import TensionCurves
 from tensegrity_mj.statics.boundary import Boundary, Hold
-from tensegrity_mj.statics.signs import strings_named
-from tensegrity_mj.statics.spans import add_spans, block_places, block_values
+from tensegrity_mj.statics.stress_signs import strings_named
 
 RANK = 1e-9  # of the largest singular value
+EPS = float(np.finfo(float).eps)
 
 
 class Rods(enum.Enum):
@@ -388,3 +388,37 @@ def steady_forces(scene: Scene, nodes: Array) -> Array:
 def weights_and_loads(scene: Scene, nodes: Array) -> Array:
     """(N, 3) [N]: `steady_forces` and weights."""
     return np.asarray(lumped_masses(scene.structure)[:, None] * np.array(scene.gravity) + steady_forces(scene, nodes))
+
+
+def round_off(model: StaticModel, x: Array, parameter: float, rod_forces: Array) -> float:
+    """[N] what round-off leaves of forces that cancel at x (3N,), under axial forces N (R,) of the rods.
+
+    Lengths and directions have errors of some ε, which strings' and elastic rods' stiffness times their length, joints'
+    bending stiffness over their rods' lengths, and all forces multiply. Positions have errors of ε times how far they
+    are from the origin, which stiffness multiplies.
+    """
+    strained, stiffness = model.stiffest
+    pulled = float(np.max(model.curves.steepest * model.lengths(x), initial=0.0))
+    forces = (rod_forces, model.external(parameter), model.element_forces(x))
+    largest = strained + pulled + sum(float(np.abs(part).max(initial=0.0)) for part in forces)
+    return EPS * max(8 * largest + stiffness * float(np.abs(x).max(initial=0.0)), 1e-290)
+
+
+def add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:
+    """Add to (3N,) forces that grow with the spans of members: plus at the second node, minus at the first."""
+    places = out.reshape(-1, 3)
+    np.add.at(places, pairs[:, 1], pulls)
+    np.subtract.at(places, pairs[:, 0], pulls)
+
+
+def block_places(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the four blocks of (3, 3) that couple two spans, of a member or of two: ii, jj, ij, ji."""
+    k, m = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
+    rows, columns = 3 * first[:, [0, 1, 0, 1]], 3 * second[:, [0, 1, 1, 0]]
+    return (rows[:, :, None] + k).reshape(-1), (columns[:, :, None] + m).reshape(-1)
+
+
+def block_values(blocks: Array) -> Array:
+    """The numbers at these places, of one block (3, 3) each that couples the spans themselves."""
+    flat = blocks.reshape(-1, 1, 9)
+    return np.concatenate([flat, flat, -flat, -flat], axis=1).reshape(-1)

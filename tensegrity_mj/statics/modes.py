@@ -28,8 +28,8 @@ from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.recorded import LAW_REPORTS, VARIABLES, sizes_of
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES, sizes_of
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.state import StaticState

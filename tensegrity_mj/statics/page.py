@@ -22,8 +22,8 @@ from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.ticks import prefix_ticks
 from tensegrity_mj.statics.findings import judgement, reactions
 from tensegrity_mj.statics.modes import Modes
+from tensegrity_mj.statics.path import Response
 from tensegrity_mj.statics.path_steps import Kind
-from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.result import StaticResult
 from tensegrity_mj.statics.state import StaticState
 

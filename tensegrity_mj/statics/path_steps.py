@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.linear_systems import Linearized
-from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.statics.rounding import round_off
+from tensegrity_mj.statics.model import StaticModel, round_off
 from tensegrity_mj.statics.state import StaticState
 
 CORRECTIONS = 8  # of Newton's method, before a step is halved

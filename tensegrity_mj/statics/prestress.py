@@ -36,9 +36,9 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.statics.signs import Flags, can_pull, can_push, listed, obstacle
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.stiffening import Assembly, Verdict, judged, member_paths, rank_of, stiffest, super_stable
+from tensegrity_mj.statics.stress_signs import Flags, can_pull, can_push, listed, obstacle
 
 CLEAR = 1e4  # between the smallest singular value that counts and the largest that does not
 

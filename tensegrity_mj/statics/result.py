@@ -13,8 +13,8 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics.balance import Balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.modes import Modes
+from tensegrity_mj.statics.path import Response
 from tensegrity_mj.statics.prestress import Prestressability
-from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.sizing import Sizing
 from tensegrity_mj.statics.state import StaticState, standalone_scene
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck

@@ -27,7 +27,7 @@ from tensegrity_mj.model.rigidity import static_forces
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary
-from tensegrity_mj.statics.signs import Flags, can_pull, linear_program, listed, strings_named
+from tensegrity_mj.statics.stress_signs import Flags, can_pull, linear_program, listed, strings_named
 
 
 @dataclass(frozen=True, eq=False)

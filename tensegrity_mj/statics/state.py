@@ -22,8 +22,7 @@ from tensegrity_mj.model.redundancy import MOST_RODS, SHARE
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.linear_systems import Linearized
-from tensegrity_mj.statics.model import StaticModel, weights_and_loads
-from tensegrity_mj.statics.rounding import round_off
+from tensegrity_mj.statics.model import StaticModel, round_off, weights_and_loads
 
 RULE = "the least sum of squares, as of rods of one stiffness EA/ℓ"
 REMEDY = "--rods elastic finds the forces of rods with sections"

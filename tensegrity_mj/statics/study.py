@@ -21,17 +21,16 @@ from tensegrity_mj.model.plausibility import warnings_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Judgement
+from tensegrity_mj.runs.recorded import labels_of
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import labels_of
 from tensegrity_mj.statics import boundary, equilibrium, findings, lightest
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
 from tensegrity_mj.statics.modes import natural_modes
-from tensegrity_mj.statics.path import follow
+from tensegrity_mj.statics.path import Response, follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
-from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.result import Search as Search
 from tensegrity_mj.statics.result import StaticResult
 from tensegrity_mj.statics.sizing import Material, Sizing

@@ -16,8 +16,7 @@ import pytest
 from tensegrity_mj.basics import fields, kinds
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
-from tensegrity_mj.model.text.codec import check_kinds, read, table_of
-from tensegrity_mj.model.text.table import Table
+from tensegrity_mj.model.text.codec import Table, check_kinds, read, table_of
 
 NAN = math.nan
 

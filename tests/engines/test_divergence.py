@@ -24,7 +24,7 @@ from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.energy import check_energy
-from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
+from tensegrity_mj.runs.recorded import LAW_REPORTS, VARIABLES
 
 Array = NDArray[np.float64]
 EXPLICIT = [Integrator.EULER, Integrator.IMPLICITFAST, Integrator.IMPLICIT, Integrator.RK4]  # in springs, all of them

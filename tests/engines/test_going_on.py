@@ -12,7 +12,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.runs.variables import STATES, VARIABLES
+from tensegrity_mj.runs.recorded import STATES, VARIABLES
 
 H, HALF = 1e-3, 0.05
 WINCH = tmj.Actuation.hold_rest_length(0.012)  # whose samples do not fall on the middle

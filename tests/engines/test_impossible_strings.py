@@ -217,7 +217,7 @@ def test_a_winch_that_pays_out_gets_work(engine: Any) -> None:
         def __call__(self, time: float, nodes: Any, velocities: Any) -> Any:
             return np.full(2, 0.5 + 0.1 * time)
 
-    from tensegrity_mj.runs.winches import winch_power
+    from tensegrity_mj.runs.energy import winch_power
 
     run = tmj.simulate(scene, PayOut(), engine, output_interval=PERIOD)
     # Two strings of energy k (L - L0)²/2, all of which goes into the winches: nothing moves. Round-off of 4 J.

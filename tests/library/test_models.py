@@ -16,7 +16,7 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
+from tensegrity_mj.runs.recorded import LAW_REPORTS, VARIABLES
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 FOLDERS = sorted(path for path in MODELS.iterdir() if path.is_dir() and path.name not in ("pack", "__pycache__"))

@@ -12,8 +12,8 @@ from extreme_scenes import extreme
 from tensegrity_mj import DAE, simulate
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import VARIABLES
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.events import ControlSpec, Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.scene import Scene, Whole
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -31,7 +31,6 @@ from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_tom
 from tensegrity_mj.model.text.schema import format_schema
 from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.model.text.writing import save_scene, save_structure, scene_to_toml, structure_to_toml
-from tensegrity_mj.model.whole import Whole
 from tensegrity_mj.statics.self_stress import SelfStress
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -18,8 +18,8 @@ import tensegrity_mj as tmj
 from tensegrity_mj import cli
 from tensegrity_mj.model.elements.contact import segment_distances
 from tensegrity_mj.runs import Pairs
+from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.segments import closest_points
-from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.statics import find_equilibrium
 
 Array = NDArray[np.float64]

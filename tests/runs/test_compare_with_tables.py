@@ -17,7 +17,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.runs import Table, read_table
 from tensegrity_mj.runs.comparison import resampled
-from tensegrity_mj.runs.variables import VARIABLES
+from tensegrity_mj.runs.recorded import VARIABLES
 
 OMEGA = np.sqrt(50.0)  # rad/s: 1 kg on a spring of 50 N/m
 

@@ -15,7 +15,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.basics import fields
 from tensegrity_mj.controllers import from_scene
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.runs.variables import VARIABLES
+from tensegrity_mj.runs.recorded import VARIABLES
 
 OLD = Path(__file__).parents[1] / "data" / "runs" / "without_coordinates.nc"
 

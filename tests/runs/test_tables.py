@@ -17,8 +17,8 @@ from tensegrity_mj.basics import dependencies
 from tensegrity_mj.basics.matfile import KEYWORDS, legal_names
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import MissingPackageError, OptionError
+from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.stored import columns_of
-from tensegrity_mj.runs.variables import VARIABLES
 
 
 def test_members_are_found_by_their_names(prism_run: tmj.Trajectory) -> None:

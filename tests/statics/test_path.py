@@ -28,9 +28,8 @@ from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
-from tensegrity_mj.statics.path import End, Path, follow
+from tensegrity_mj.statics.path import End, Path, Response, follow
 from tensegrity_mj.statics.path_steps import Kind, Walk
-from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.state import StaticState
 
 Array = NDArray[np.float64]

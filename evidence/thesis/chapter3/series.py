@@ -36,8 +36,7 @@ from tensegrity_mj.errors import FormatError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
 from tensegrity_mj.linearization.linearizing import linearize
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.text.codec import read
-from tensegrity_mj.model.text.table import Table
+from tensegrity_mj.model.text.codec import Table, read
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import RunOptions, run_many

@@ -46,7 +46,7 @@ from tensegrity_mj.model.elements.element import (
     split_states,
     states_at_start,
 )
-from tensegrity_mj.model.elements.loads import NodalLoads
+from tensegrity_mj.model.events import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
 Motion, _ = view_of("Motion", nodes=("f8", "count", 3), velocities=("f8", "count", 3))

@@ -19,7 +19,6 @@ from tensegrity_mj.errors import ElementError
 from tensegrity_mj.model.capabilities import FUNCTION_LOADS
 from tensegrity_mj.model.elements.elastic_rods import ElasticRods
 from tensegrity_mj.model.elements.element import Element, Work, named_function
-from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.elements.resistance import (
     Bending,
     BendingDamping,
@@ -29,6 +28,7 @@ from tensegrity_mj.model.elements.resistance import (
     bending_joints,
     nodal_damping,
 )
+from tensegrity_mj.model.events import NodalLoads
 from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 

@@ -13,7 +13,7 @@ from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.errors import ElementError, OptionError
 from tensegrity_mj.model import strings
 from tensegrity_mj.model.elements.element import acted
-from tensegrity_mj.model.elements.loads import NodalLoads
+from tensegrity_mj.model.events import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
 

@@ -39,7 +39,6 @@ class ElasticRods(Element):
     label = "elastic rods"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
-        """See `Element`."""
         bars, out = Bars.of(scene.structure), np.zeros_like(nodes)
         spans, lengths, forces = bars.stretched(nodes, velocities)
         pulls = (forces / lengths)[..., None] * spans

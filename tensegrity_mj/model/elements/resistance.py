@@ -39,9 +39,14 @@ from tensegrity_mj.model.structure_checks import names_of
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
 
-_points, _weights = np.polynomial.legendre.leggauss(5)
-GAUSS_POINTS = tuple(float(x) for x in 0.5 * (1 + _points))  # on [0, 1]
-GAUSS_WEIGHTS = tuple(float(x) for x in 0.5 * _weights)
+
+def gauss_rule(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Points and weights of Gauss' rule on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return tuple(float(x) for x in 0.5 * (1 + points)), tuple(float(x) for x in 0.5 * weights)
+
+
+GAUSS_POINTS, GAUSS_WEIGHTS = gauss_rule(5)
 
 
 @value("resistance: bending", whole=True)
@@ -159,7 +164,6 @@ class FluidResistance(Element):
         return self.resistance.drag is None
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
-        """See `Element`."""
         out, structure, drag = np.zeros_like(nodes), scene.structure, self.resistance.drag
         pairs, lengths = structure.rod_nodes, structure.rod_lengths[:, None]
         (x1, x2), (u1, u2) = (ends(structure, v) for v in (nodes, velocities - np.array(self.resistance.wind)))
@@ -191,7 +195,6 @@ class BendingStiffness(Element):
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
-        """See `Element`."""
         return _bending(scene.structure, self.bending, self.bending.stiffness, nodes)
 
     def energy(self, scene: Scene, nodes: Array) -> Any:
@@ -215,7 +218,6 @@ class BendingDamping(Element):
     label = "resistance"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
-        """See `Element`."""
         return _bending(scene.structure, self.bending, self.bending.damping, velocities)
 
 
@@ -238,7 +240,6 @@ class NodalDamping(Element):
     label = "damping of point masses"
 
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
-        """See `Element`."""
         out = np.zeros_like(velocities)
         rows, factors = nodal_damping(scene.structure)
         out[..., rows, :] = -factors[:, None] * velocities[..., rows, :]

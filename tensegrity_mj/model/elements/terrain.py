@@ -140,7 +140,6 @@ class Area(Terrain):
             raise refused(self, f"{what} = {length:g} m; it must be at least two spacings, {2 * self.spacing:g} m")
 
     def grid(self) -> tuple[Array, Array, Array]:
-        """See `Terrain`."""
         # About the origin, so that a point is there.
         counts = [round(side / self.spacing / 2) for side in self.size]
         x, y = (self.spacing * np.arange(-count, count + 1.0) for count in counts)
@@ -162,7 +161,6 @@ class Ramp(Area):
     angle: float = field(within(-STEEPEST, STEEPEST, "rad"))
 
     def formula(self, x: Array, y: Array) -> Array:
-        """See `Area`."""
         return np.asarray(np.tan(self.angle) * np.maximum(x, 0.0))
 
 
@@ -183,7 +181,6 @@ class Stairs(Area):
         self.resolve("tread", self.tread)
 
     def formula(self, x: Array, y: Array) -> Array:
-        """See `Area`."""
         # Round-off puts no point that is on an edge before it.
         return np.asarray(self.rise * np.maximum(np.floor(x / self.tread + 1e-9) + 1, 0.0))
 
@@ -211,7 +208,6 @@ class Rough(Area):
         self.resolve("length", self.length)
 
     def formula(self, x: Array, y: Array) -> Array:
-        """See `Area`."""
         random = np.random.default_rng(self.seed)
         # The spectrum of exp(-d²/length²) is a normal distribution of wave numbers.
         numbers = random.normal(scale=np.sqrt(2.0) / self.length, size=(WAVES, 2))
@@ -248,7 +244,6 @@ class Heights(Terrain):
             )
 
     def grid(self) -> tuple[Array, Array, Array]:
-        """See `Terrain`."""
         z = np.array(self.heights).T
         x, y = (self.spacing * (np.arange(count) - 0.5 * (count - 1)) for count in z.shape)
         return x, y, z

@@ -42,6 +42,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, part, parts, positive, vector, whole
 from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.elements.resistance import gauss_rule
 from tensegrity_mj.model.elements.waves import AboveLevel, IrregularSea, Sea, Wave
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.rods import diameters
@@ -55,16 +56,8 @@ AT_ONCE = 200_000  # waves at segments
 # Of u, between the ends of a segment: below it, round-off of differences is more than the error of three points in u.
 NEARLY_LEVEL = 1e-5
 LEAST_COSINE = 1e-6  # of the inclination φ: a vertical rod is wet up to the surface, within this part of its radius
-
-
-def _gauss(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Points and weights on [0, 1]."""
-    points, weights = np.polynomial.legendre.leggauss(count)
-    return tuple(float(x) for x in 0.5 * (1 + points)), tuple(float(x) for x in 0.5 * weights)
-
-
-ANGLES, ANGLE_WEIGHTS = _gauss(12)
-GAUSS_POINTS, GAUSS_WEIGHTS = _gauss(3)
+ANGLES, ANGLE_WEIGHTS = gauss_rule(12)
+GAUSS_POINTS, GAUSS_WEIGHTS = gauss_rule(3)
 
 
 class Weights(enum.Enum):

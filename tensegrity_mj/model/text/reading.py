@@ -25,27 +25,13 @@ from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.model.composition import rotation_matrix
 from tensegrity_mj.model.ground import Ground
-from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.scene import Scene, Whole
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
+from tensegrity_mj.model.text import keys as known
 from tensegrity_mj.model.text import sources
-from tensegrity_mj.model.text.codec import built, read, read_key
-from tensegrity_mj.model.text.keys import (
-    CURVE_KEYS,
-    FILE_KEYS,
-    FORMAT,
-    GROUND_KEYS,
-    MOST_DEPTH,
-    MOST_POSITIONS,
-    SCENE_KEYS,
-    SHAPE_KEYS,
-    STRUCTURE_KEYS,
-    TARGET_KEYS,
-    WAYPOINT_KEYS,
-)
+from tensegrity_mj.model.text.codec import Table, built, read, read_key, shown
 from tensegrity_mj.model.text.structures import structure_of
-from tensegrity_mj.model.text.table import Table, shown
-from tensegrity_mj.model.whole import Whole
 
 T = TypeVar("T")
 
@@ -79,12 +65,12 @@ def structure_from_toml(
 def _top(text: str, where: str) -> Table:
     data = parse(text, where)
     if "format" not in data:
-        raise FormatError(f"{where}: 'format' is missing; a file of this format starts with: format = {FORMAT}")
-    if type(data["format"]) is not int or data["format"] != FORMAT:
-        raise FormatError(f"{where}: format = {shown(data['format'])}; this version reads format = {FORMAT}")
-    top = Table(data, where, "", FILE_KEYS)
+        raise FormatError(f"{where}: 'format' is missing; a file of this format starts with: format = {known.FORMAT}")
+    if type(data["format"]) is not int or data["format"] != known.FORMAT:
+        raise FormatError(f"{where}: format = {shown(data['format'])}; this version reads format = {known.FORMAT}")
+    top = Table(data, where, "", known.FILE_KEYS)
     if "scene" in data:
-        top.inside("scene", SCENE_KEYS)
+        top.inside("scene", known.SCENE_KEYS)
     return top
 
 
@@ -93,7 +79,7 @@ def _read_structure(top: Table, folder: Path | None, families: Families | None =
         called = None if families is None else families(top.data["structure"])
         return _other_structure(top, folder) if called is None else called
     need = "a table [structure], or the path of the file that holds it"
-    table = top.inside("structure", STRUCTURE_KEYS, need)
+    table = top.inside("structure", known.STRUCTURE_KEYS, need)
     return _validated(top.where, lambda: structure_of(table, top.text("name")))
 
 
@@ -127,7 +113,7 @@ _TEXTS = re.compile(
     r"|\#[^\n]*+",
     re.DOTALL,
 )
-_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MOST_DEPTH}}}")
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{known.MOST_DEPTH}}}")
 
 
 def parse(text: str, where: str) -> dict[str, Any]:
@@ -140,7 +126,8 @@ def parse(text: str, where: str) -> dict[str, Any]:
     found = _LONG_KEY.search(_TEXTS.sub(_as_word, text))
     if found is not None:
         raise FormatError(
-            f"{where}: a dotted key, {found[0]}..., has more than {MOST_DEPTH} parts; docs/format.md describes the keys"
+            f"{where}: a dotted key, {found[0]}..., has more than {known.MOST_DEPTH} parts; docs/format.md describes "
+            "the keys"
         )
     try:
         data = tomllib.loads(text)
@@ -149,10 +136,10 @@ def parse(text: str, where: str) -> dict[str, Any]:
         line = text.splitlines()[int(found[1]) - 1 :][:1] if found else []
         quoted = f": {value_text(line[0].strip())}" if line else ""
         raise FormatError(f"{where}: not valid TOML: {error}{quoted}; docs/format.md shows how to write it") from error
-    if _deeper(data, MOST_DEPTH):
+    if _deeper(data, known.MOST_DEPTH):
         raise FormatError(
-            f"{where}: its tables and lists stand in each other more than {MOST_DEPTH} deep; write what docs/format.md "
-            "describes"
+            f"{where}: its tables and lists stand in each other more than {known.MOST_DEPTH} deep; write what "
+            "docs/format.md describes"
         )
     return data
 
@@ -178,23 +165,23 @@ def scene_of(top: Table, structure: Structure, folder: Path | None = None) -> Sc
 
     Its records are in files relative to a folder.
     """
-    table = top.inside("scene", SCENE_KEYS) if "scene" in top.data else Table({}, top.where, "scene", SCENE_KEYS)
+    table = top.inside("scene", known.SCENE_KEYS) if "scene" in top.data else Table({}, top.where, "scene", None)
     whole = read(Whole, table.inside("whole")) if "whole" in table.data else None
     placed = structure if whole is None else structure.moved(whole.rotation, whole.translation)
     keys, given = item_of(Scene).keys, {}
-    for key in SCENE_KEYS:
+    for key in known.SCENE_KEYS:
         if key in table.data and key in keys:
             by_node = BY_NODE.get(key)
             # Values in the world frame, such as a target, refer to the structure where it stands.
-            known = structure if key in ("initial_nodes", "initial_velocities") else placed.massless
-            given[key] = by_node(table, known) if by_node else read_key(keys[key], table, key)
+            whose = structure if key in ("initial_nodes", "initial_velocities") else placed.massless
+            given[key] = by_node(table, whose) if by_node else read_key(keys[key], table, key)
     if whole is not None:
         turn = rotation_matrix(whole.rotation).T
         shifts = {"initial_nodes": np.array(whole.translation), "initial_velocities": np.zeros(3)}
         given |= {key: given[key] @ turn + shift for key, shift in shifts.items() if key in given}
     scene = Scene(structure=placed, name=top.text("name"), source=top.text("source", ""), **given)
     if "ground" in table.data:
-        scene = _shaken(table.inside("ground", GROUND_KEYS), folder, scene)
+        scene = _shaken(table.inside("ground", known.GROUND_KEYS), folder, scene)
     return scene if whole is None else whole.start(scene)
 
 
@@ -202,7 +189,7 @@ def _shaken(table: Table, folder: Path | None, scene: Scene) -> Scene:
     keys, name = item_of(Ground).keys, table.text("file")
     if folder is None:
         raise table.fail("file", "in a file: a text on its own has no folder that a path could be relative to")
-    given = {key: read_key(keys[key], table, key) for key in GROUND_KEYS[1:] if key in table.data}
+    given = {key: read_key(keys[key], table, key) for key in known.GROUND_KEYS[1:] if key in table.data}
     return built(table, Ground, lambda: load_ground(folder / name, **given).shake(scene))
 
 
@@ -215,23 +202,23 @@ def _initial_velocities(scene: Table, structure: Structure) -> Array:
 
 
 def _target(scene: Table, structure: Structure) -> Target:
-    table = scene.inside("target", TARGET_KEYS)
+    table = scene.inside("target", known.TARGET_KEYS)
     if sum(key in table.data for key in ("nodes", "waypoints", "shapes")) != 1:
         raise FormatError(
             f"{table.where}: it must hold one of 'nodes' (a set-point), 'waypoints' (a path) or 'shapes' (a curve)"
         )
     if "shapes" in table.data:
         return _curve(table, structure)
-    table.allow(TARGET_KEYS[:2])
+    table.allow(known.TARGET_KEYS[:2])
     if "nodes" in table.data:
         return Target.set_point(table.inside("nodes").node_rows(structure, structure.positions))
-    times, rows = _node_tables(table, "waypoints", "time", WAYPOINT_KEYS, structure)
+    times, rows = _node_tables(table, "waypoints", "time", known.WAYPOINT_KEYS, structure)
     return Target.path(times, rows)
 
 
 def _curve(table: Table, structure: Structure) -> Target:
-    table.allow(CURVE_KEYS)
-    parameters, shapes = _node_tables(table, "shapes", "parameter", SHAPE_KEYS, structure)
+    table.allow(known.CURVE_KEYS)
+    parameters, shapes = _node_tables(table, "shapes", "parameter", known.SHAPE_KEYS, structure)
     need = "a list of numbers, one a time"
     times = table.numbers("times", "a list of numbers")
     values, rates, accelerations = (
@@ -247,10 +234,10 @@ def _node_tables(
     """The numbers called `title` and the node positions of an array of tables."""
     numbers, positions = [], []
     items = table.tables(key, keys)
-    if len(items) * len(structure.nodes) > MOST_POSITIONS:
+    if len(items) * len(structure.nodes) > known.MOST_POSITIONS:
         raise FormatError(
             f"{table.where}: {key} has {len(items)} tables for {len(structure.nodes)} nodes each; at most "
-            f"{MOST_POSITIONS} positions are read: give fewer"
+            f"{known.MOST_POSITIONS} positions are read: give fewer"
         )
     for item in items:
         rows = item.inside("nodes") if "nodes" in item.data else Table({}, item.file, item.path, None)

@@ -17,10 +17,10 @@ from attrs import NOTHING
 
 from tensegrity_mj.basics.fields import Key, item_of, kind_of, registered
 from tensegrity_mj.basics.kinds import NUMBER, TEXT, list_schema, positive, vector
-from tensegrity_mj.model import ground, section, whole
+from tensegrity_mj.model import ground, section
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.members import Support
-from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.scene import Scene, Whole
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text import keys as known
@@ -38,7 +38,7 @@ def format_schema() -> dict[str, Any]:
     structure["defaults"] = _table({kind: _table(keys) for kind, keys in shared.items()})
     structure["groups"] = {"type": "object", "additionalProperties": _table(shared["rods"] | shared["strings"])}
     scene = _keys(Scene, parts, [key for key in known.SCENE_KEYS if not key.startswith("initial_")])
-    scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(whole.Whole, parts)}
+    scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(Whole, parts)}
     scene["ground"] = _table({"file": TEXT} | _keys(ground.Ground, parts, known.GROUND_KEYS), ["file"])
     file = {
         "format": {"enum": [known.FORMAT]},

@@ -16,9 +16,8 @@ from tensegrity_mj.model.members import PRESTRESS, Rod, String, Support
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
-from tensegrity_mj.model.text.codec import READERS, WRITERS, built, fields_of, read_fields, read_key
+from tensegrity_mj.model.text.codec import READERS, WRITERS, Table, built, fields_of, read_fields, read_key
 from tensegrity_mj.model.text.keys import STRUCTURE_KEYS, SUPPORT_KEYS, TUBE_KEYS
-from tensegrity_mj.model.text.table import Table
 
 SUPPORTS: dict[str, Callable[..., Support]] = {
     "free": Support.free,

@@ -20,7 +20,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
-from tensegrity_mj.runs import convergence, judgement, variables
+from tensegrity_mj.runs import convergence, judgement
+from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, stays
@@ -130,7 +131,7 @@ def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[s
         timing["wall_time"] = float(run.cost["wall_time"])
     if motion is not None and run is not None:
         # Counted, as peaks depend on the allocator and on what ran before: what is recorded, and what the engine holds.
-        recorded = sum(int(getattr(run, name).nbytes) for name in variables.VARIABLES)
+        recorded = sum(int(getattr(run, name).nbytes) for name in VARIABLES)
         values["memory"] = recorded + engine.working_bytes(run.scene)
         if reference is not None:
             distance = motion.distance(reference)

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.model import rods
+from tensegrity_mj.runs.energy import winch_increments
 from tensegrity_mj.runs.judgement import doubts, growth, rest
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.winches import winch_increments
 
 Values = dict[str, Any]
 
