@@ -78,7 +78,8 @@ pip_install() { # python, then arguments of pip install
 }
 
 install_package() { # python run|docs|dev
-    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root[studies,allocation,fatigue,ntrt,completion]") quiet=(--quiet)
+    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root[studies,allocation,fatigue,ntrt,completion]")
+    local options=(--disable-pip-version-check --no-warn-conflicts)
     wanted="$(fingerprint "$python" "$kind")"
     if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
         return
@@ -91,11 +92,13 @@ install_package() { # python run|docs|dev
         printf '%s %s' "$root" "$("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" >"$venv/.made-for"
     fi
     if [ "$kind" != run ]; then packages=(--editable "$root[$kind]" --editable "$root/evidence"); fi
-    if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
+    # Tests import half of what they need, on all cores; pip would compile the bytecode of all of it, on one.
+    if [ "$kind" = dev ]; then options+=(--no-compile); fi
+    if ! [ -t 2 ]; then options+=(--quiet); fi # pip's own progress is for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
     # With a pip of its own, so that `.venv/bin/python -m pip install` of the guides and of `doctor` works.
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
-    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts "${packages[@]}" "pip>=22.3" >&2
+    pip_install "$python" "${options[@]}" "${packages[@]}" "pip>=22.3" >&2
     printf '%s' "$wanted" >"$stamp"
     rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
     # What the tests need includes what the site needs, and that what the demo needs.

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets everything up in .venv of this checkout, then checks style and types and runs the tests.
+# Sets everything up in .venv of this checkout, then runs the tests, and beside them checks style and types.
 # Arguments are passed on to pytest, which runs as many processes as there are cores (-n 0: this one alone).
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
@@ -9,10 +9,17 @@ cd "$root"
 unset PYTHONDONTWRITEBYTECODE
 export MALLOC_ARENA_MAX=2 # fewer heaps of threads: JAX tests peaked at 0.90 GB in place of 0.99
 
-# Beside each other, as compiling takes one core.
-bash scripts/lint.sh &
+# Beside compiling and the first tests, as it takes one core for a minute; what it finds stands at the end.
+mkdir -p build
+bash scripts/lint.sh >build/lint.txt 2>&1 &
 lint=$!
 trap 'kill "$lint" 2>/dev/null || true' EXIT
 see_to_compiling
-wait "$lint"
-exec "$venv/bin/python" -m pytest -n auto --dist loadgroup "$@"
+failed=0
+"$venv/bin/python" -m pytest -n auto --dist loadgroup "$@" || failed=$?
+if ! wait "$lint"; then
+    failed=1
+    say "Style, types or imports are wrong:"
+    cat build/lint.txt >&2
+fi
+exit "$failed"
