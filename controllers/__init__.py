@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
-    from tensegrity_mj.controllers.allocation_options import Allocation as Allocation
-    from tensegrity_mj.controllers.allocation_options import Sum as Sum
-    from tensegrity_mj.controllers.allocation_options import WhenInfeasible as WhenInfeasible
     from tensegrity_mj.controllers.degraded import Delayed as Delayed
     from tensegrity_mj.controllers.degraded import Noisy as Noisy
     from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization as FeedbackLinearization
     from tensegrity_mj.controllers.gains import Gains as Gains
     from tensegrity_mj.controllers.known import KnownWater as KnownWater
     from tensegrity_mj.controllers.lyapunov import Lyapunov as Lyapunov
+    from tensegrity_mj.controllers.optimal_allocation import Allocation as Allocation
+    from tensegrity_mj.controllers.optimal_allocation import Sum as Sum
+    from tensegrity_mj.controllers.optimal_allocation import WhenInfeasible as WhenInfeasible
     from tensegrity_mj.controllers.program import Program as Program
     from tensegrity_mj.controllers.projection import Projection as Projection
     from tensegrity_mj.controllers.quadratic_terms import Onto as Onto

@@ -18,10 +18,15 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.basics.hints import fitted, hints_of
 from tensegrity_mj.basics.kinds import Kind, Wrong
-from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
+from tensegrity_mj.controllers.allocation import (
+    StringLimits,
+    feasibility_margin,
+    least_norm,
+    least_squares,
+    write_ceilings,
+)
 from tensegrity_mj.controllers.gains import Gains, GainsOfRods, gain_records
 from tensegrity_mj.controllers.known import ModelLaw, PackedEffects, described
-from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
     ONTO_TARGET,

@@ -24,7 +24,7 @@ from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reports import ENERGY_WARNING
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.scene import Scene

@@ -87,7 +87,7 @@ def gallery() -> str:
 
 def _card(name: str) -> Iterator[str]:
     from tensegrity_mj.commands.scenes import counts_of, counts_text
-    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.library.named import load_scene
 
     scene = load_scene(name)
     size = counts_text(counts_of(scene.structure))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.reference.method import Method as Method
     from tensegrity_mj.engines.reference.ode import ODE as ODE
     from tensegrity_mj.errors import TensegrityError as TensegrityError
-    from tensegrity_mj.library.load import load_scene as load_scene
+    from tensegrity_mj.library.named import load_scene as load_scene
     from tensegrity_mj.model.actuation import Actuation as Actuation
     from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance

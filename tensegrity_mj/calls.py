@@ -27,7 +27,7 @@ from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import AcceleratingEngine
 from tensegrity_mj.engines.table import make_engine, option_names
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.linearization import linearizing
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible

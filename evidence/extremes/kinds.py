@@ -241,7 +241,7 @@ def _wild_law(rng: Rng) -> Experiment:
 
 def _infeasible(rng: Rng) -> Experiment:
     from tensegrity_mj.controllers.lyapunov import Lyapunov
-    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.library.named import load_scene
 
     which = str(rng.choice(["prism", "pinned_rod", "random"]))
     if which == "random":

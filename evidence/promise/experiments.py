@@ -107,7 +107,7 @@ def _request(accuracy: float) -> float:
 
 def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str]:
     from tensegrity_mj.controllers.scenes import from_scene
-    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.library.named import load_scene
 
     name = str(rng.choice(SHIPPED))
     scene = load_scene(name).with_(duration=duration)

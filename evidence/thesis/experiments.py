@@ -14,7 +14,7 @@ from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.engines.table import ENGINES, make_engine
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.target import Target

@@ -1,4 +1,6 @@
-"""Types of arrays, sums over the three axes of space, and axes across a vector."""
+"""Types of arrays, sums over the three axes of space, axes across a vector, and bisection."""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,3 +38,19 @@ def rotations_to(b: Array) -> Array:
     x = np.eye(3)[axis] - b[rows, axis][:, None] * b
     x /= np.sqrt(np.sum(x**2, axis=1))[:, None]
     return np.asarray(np.stack([x, np.cross(b, x), b], axis=2))
+
+
+def bisect(holds: Callable[[float], bool], start: float, end: float, within: float = 0.0) -> tuple[float, float]:
+    """Bracket the number at which a condition that holds at `start` and not at `end` ceases to hold.
+
+    The two numbers are at most `within` apart or, where floats are coarser, neighbours.
+    """
+    while end - start > within:
+        middle = 0.5 * (start + end)
+        if not start < middle < end:
+            break
+        if holds(middle):
+            start = middle
+        else:
+            end = middle
+    return start, end

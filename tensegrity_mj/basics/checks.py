@@ -1,9 +1,12 @@
-"""Checks of arguments, with one message for each kind of mistake."""
+"""Checks of arguments, with one message for each kind of mistake; warnings that point at the caller."""
 
 from __future__ import annotations
 
 import enum
+import sys
+import warnings
 from collections.abc import Collection, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -191,3 +194,16 @@ def check_nodes(what: str, value: Any, nodes: int, most: int = MOST_NODES) -> No
             f"{what} = {value_text(value)}: that makes {value_text(nodes)} nodes, and at most {most} are built; choose "
             "a smaller one"
         )
+
+
+INSIDE = "tensegrity_mj."
+
+
+def warn_caller(text: str, category: type[Warning]) -> None:
+    """Warn with the place of the first caller outside the package."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(INSIDE):
+        level, frame = level + 1, frame.f_back
+    bars: Any = getattr(sys.modules.get("tqdm"), "tqdm", None)  # whose line is cleared meanwhile
+    with bars.external_write_mode(sys.stderr) if getattr(bars, "_instances", ()) else nullcontext():
+        warnings.warn(text, category, stacklevel=level)

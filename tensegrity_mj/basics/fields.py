@@ -8,15 +8,17 @@
 A value is checked and made plain when it is made: by its fields, then by its `__attrs_post_init__`, where it has one.
 What is wrong is an error that begins with the item: "wave: amplitude = -1.0; it must be >= 0 m". A value is immutable,
 compared by its fields, and hashable where these are. `model.text.codec` reads and writes it by the same ones. Where a
-field is no `field`, its kind follows from its type (`typed`).
+field is no `field`, its kind follows from its type (`typed`). `function_of` makes functions of many parameters of them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import inspect
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform, get_origin, get_type_hints
+from typing import Any, ClassVar, NamedTuple, ParamSpec, TypeVar, dataclass_transform, get_origin, get_type_hints
 
 import attrs
 import numpy as np
@@ -220,3 +222,22 @@ def registered(base: type) -> dict[str, type]:
 def kind_of(cls: type) -> str:
     """The name of a class that is registered, or ""."""
     return next((kind for kind, one in _KINDS.items() if one is cls), "")
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def function_of(parameters: Callable[P, Callable[[], R]]) -> Callable[P, R]:
+    """The function that takes a class' fields and returns what its instance returns: Tower(3, radius=0.4)()."""
+
+    @functools.wraps(parameters, updated=())
+    def function(*args: P.args, **options: P.kwargs) -> R:
+        return parameters(*args, **options)()
+
+    # With the types of the fields, which converters hide.
+    own, types = inspect.signature(parameters), getattr(parameters, "__annotations__", {})
+    shown = [one.replace(annotation=types.get(name, one.annotation)) for name, one in own.parameters.items()]
+    returned = vars(parameters)["__call__"].__annotations__["return"]
+    function.__signature__ = own.replace(parameters=shown, return_annotation=returned)  # type: ignore[attr-defined]
+    return function

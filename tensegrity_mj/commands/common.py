@@ -134,7 +134,7 @@ def for_paper(width: str | None) -> AbstractContextManager[None]:
     """Context in which plots are as wide as a paper's "column" or "page"; with None, for the screen."""
     if width is None:
         return nullcontext()
-    from tensegrity_mj.pictures.paper import paper
+    from tensegrity_mj.pictures.figure import paper
 
     return paper(1 if width == "column" else 2)
 

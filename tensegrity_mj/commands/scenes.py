@@ -139,7 +139,7 @@ def statics(scene: model.Scene) -> dict[str, Any]:
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
-    from tensegrity_mj.linearization.element_states import ElementStates
+    from tensegrity_mj.linearization.linearizing import ElementStates
     from tensegrity_mj.model.elements.resistance import resisting_forces
     from tensegrity_mj.model.elements.water import water_forces
     from tensegrity_mj.statics.balance import balance, unheld_gravity

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tensegrity_mj.dynamics.joint_plan import Joints
+import numpy as np
+
+from tensegrity_mj.basics.arrays import IntArray
 from tensegrity_mj.dynamics.kernels import (
     accelerate_points,
     accelerate_rod,
@@ -28,9 +30,100 @@ from tensegrity_mj.dynamics.kernels import (
     stretch_term,
     write_coordinates,
 )
-from tensegrity_mj.dynamics.linked import Linked
+from tensegrity_mj.dynamics.linked import (
+    Linked,
+    LinkedRecords,
+    normalize_linked,
+    place_linked,
+)
+from tensegrity_mj.dynamics.native.elements import clear
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, add, dot, minus, plus, put, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, add, column_of, dot, minus, plus, put, row_of, times, vector
+from tensegrity_mj.dynamics.native.views import Table, view_of
+
+# The plan for compiled code; joints are numbered as they are eliminated, rods as in the structure.
+Joints, _pack_joints = view_of(
+    "JointPlan",
+    joints=("i8", "joint_count", 4),  # rod row and end of the owner, rod row and end of the other
+    first=("i8", "row_count"),  # first column of each row of S, three rows a joint, that is not zero
+    start=("i8", "row_count"),  # where in `values` each row's first column is
+    attached=("i8", "start_count"),  # where each link's entries of `attachments` start, and the last one's end
+    attachments=("i8", "attachment_count", 3),  # joint, end of the rod, +1 for the other, -1 for the owner; by joints
+    closures=("i8", "closure_count"),  # the joint of each closure
+    values=("f8", "value_count"),  # S, and later L
+    pivots=("f8", "row_count"),  # 1 / D, or 0
+    x=("f8", "row_count"),  # right-hand side, and later the forces on the others [N]
+    ends=("f8", "rod_count", 2, 3),  # forces at the rods' ends [N]
+    free=("f8", "rod_count", 2, 3),  # accelerations of the ends without forces of joints [m/s²]
+    b=("f8", "rod_count", 3),  # in world components
+    c=("f8", "rod_count"),  # of `stretch_term`
+    blocks=("f8", 3, 3, 3),  # room for `_compliance`
+)
+
+
+def plan_joints(records: LinkedRecords) -> Table:
+    """Lay out the matrix S of one structure: return a `Joints`."""
+    rods, count = records.rods, len(records.rods)
+    joints = np.array(
+        [
+            (owner, int(rods[owner]["j"] == node), other, int(rods[other]["j"] == node))
+            for node, owner, other in records.forest.joints
+        ],
+        np.int64,
+    ).reshape(-1, 4)
+    size = len(joints)
+    at_rod: list[list[int]] = [[] for _ in range(count)]
+    for number, (owner, _, other, _) in enumerate(joints):
+        at_rod[owner].append(number)
+        at_rod[other].append(number)
+    order = _elimination_order(at_rod, size)
+    places = np.empty(size, np.int64)
+    places[order] = np.arange(size)
+    first_block = np.arange(size)
+    for numbers in at_rod:
+        if numbers:
+            lowest = int(places[numbers].min())
+            first_block[places[numbers]] = np.minimum(first_block[places[numbers]], lowest)
+    first = np.repeat(3 * first_block, 3)
+    lengths = np.arange(3 * size) - first + 1
+    start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    attached, attachments = [0], []
+    for link in records.links:
+        row = int(link["rod"])
+        for place in sorted(int(places[number]) for number in at_rod[row]):
+            owner, end, other, other_end = joints[order[place]]
+            attachments.append((place, other_end, 1) if other == row else (place, end, -1))
+        attached.append(len(attachments))
+    closures = len(records.forest.closures)
+    return _pack_joints(
+        joints=joints[order],
+        first=first,
+        start=start[:-1],
+        attached=attached,
+        attachments=np.array(attachments, np.int64).reshape(-1, 3),
+        closures=places[size - closures :],
+        values=np.zeros(int(start[-1])),
+        pivots=np.zeros(3 * size),
+        x=np.zeros(3 * size),
+        ends=np.zeros((count, 2, 3)),
+        free=np.zeros((count, 2, 3)),
+        b=np.zeros((count, 3)),
+        c=np.zeros(count),
+        blocks=np.zeros((3, 3, 3)),
+    )
+
+
+def _elimination_order(at_rod: list[list[int]], size: int) -> IntArray:
+    """Joints by reverse Cuthill-McKee on the graph of joints that share a rod."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    pairs = np.array([(a, b) for numbers in at_rod for a in numbers for b in numbers if a != b]).reshape(-1, 2)
+    if len(pairs) == 0:
+        return np.arange(size)
+    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), np.int64)
+
 
 # Round-off leaves about 1e-15 of a pivot that should be zero. An error ε of the nodes makes a redundant joint's pivot
 # of the order of ε², so that drifts up to a millionth are recognized.
@@ -272,3 +365,80 @@ def moved_nodes_power(address: int, forces: Any) -> float:
         moved = linked.motions[linked.moved_nodes[n, 1]]
         power -= dot(row_of(forces, linked.moved_nodes[n, 0]), row_of(moved, 1))
     return power
+
+
+NEWTON_STEPS = 12
+
+
+@borrowing
+def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
+    """Add to `change` (q itself, or q̇) the least change, weighted by masses, that takes the gaps of row 0 or 1 away."""
+    linked, joints = Linked(address), Joints(joints_at)
+    for e in range(len(joints.x)):
+        joints.x[e] = 0.0
+    for a in range(len(joints.closures)):
+        for x in range(3):
+            joints.x[3 * joints.closures[a] + x] = -linked.gaps[a, row, x]
+    _solve(joints)
+    for k in range(len(linked.rods)):
+        clear(joints.ends[k])
+    _add_joint_forces(joints)
+    for k in range(len(linked.links)):
+        link = linked.links[k]
+        rod = linked.rods[link.rod]
+        b, ends = row_of(joints.b, link.rod), (row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1))
+        r, turn, _ = answer_of_rod(rod, link, b, 0.0, ends, ZERO, ZERO, None)
+        for p in range(link.nz):
+            change[rod.q + p] += dot(column_of(rod.E, p), r)
+        for p in range(rod.nb):
+            change[rod.q + link.nz + p] += dot(column_of(rod.B, p), turn)
+
+
+@borrowing
+def largest_gap(address: int, row: int) -> float:
+    """The longest gap of any closure: its length [m] (row 0), or its rate [m/s] (row 1)."""
+    linked = Linked(address)
+    square = 0.0
+    for a in range(len(linked.gaps)):
+        gap = row_of(linked.gaps[a], row)
+        square = max(square, dot(gap, gap))
+    return np.sqrt(square)
+
+
+@borrowing
+def _prepare_to_close(address: int, joints_at: int, q: Any) -> None:
+    """S of q, factored."""
+    linked, joints = Linked(address), Joints(joints_at)
+    for k in range(len(linked.links)):
+        link = linked.links[k]
+        b = direction_of(linked.rods[link.rod], q, linked.rods[link.rod].q + link.nz)
+        put(joints.b, link.rod, b)
+    _assemble(linked, joints, None)
+    _factor(joints)
+
+
+@borrowing
+def project_linked(address: int, joints_at: int, q: Any, rates: Any, nodes: Any, velocities: Any) -> None:
+    """Put q and q̇ back onto all constraints: (3.23)-(3.24) for the lengths, and Newton's method for the closures.
+
+    The latter are the least changes in the metric of the masses, as impulses at the joints are; the former are not, and
+    change momenta. The nodes and velocities (N, 3) are those of the corrected state afterwards.
+    """
+    normalize_linked(address, q, rates)
+    place_linked(address, q, rates, nodes, velocities)
+    joints = Joints(joints_at)
+    if len(joints.closures) == 0:
+        return
+    before = np.inf
+    for _ in range(NEWTON_STEPS):
+        gap = largest_gap(address, 0)
+        if not gap > 0.0 or gap > 0.5 * before:
+            break  # round-off does not fall any further
+        before = gap
+        _prepare_to_close(address, joints_at, q)
+        _close(address, joints_at, q, q, 0)
+        normalize_linked(address, q, rates)
+        place_linked(address, q, rates, nodes, velocities)
+    _prepare_to_close(address, joints_at, q)
+    _close(address, joints_at, q, rates, 1)
+    place_linked(address, q, rates, nodes, velocities)

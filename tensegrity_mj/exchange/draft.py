@@ -1,4 +1,4 @@
-"""Draft of a scene, from a file of another program: members, and coordinates of nodes that are held.
+"""Draft of a scene, from a file of another program: members, and coordinates of nodes that are held; import options.
 
 Others hold coordinates of nodes where this package holds rods. A draft finds a rod for each node that is held, and
 notes all that it cannot carry over.
@@ -6,8 +6,8 @@ notes all that it cannot carry over.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import not_negative, positive
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
@@ -22,11 +25,31 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
 
+
+@value("import options", OptionError)
+class ImportOptions:
+    """Values for what a file does not say; None for none, and a file that needs one is refused.
+
+    Attributes:
+        unit: length of one unit of a file of NTRT [m]; None for a decimetre, which its own programs count in.
+        stiffness, damping: of each string without its own [N/m], [N s/m].
+        rod_mass, rod_radius: of each rod without its own [kg], [m].
+        node_mass: of each node without a rod that is not fixed [kg].
+    """
+
+    unit: float | None = field(positive("m"), default=None, none="None")
+    stiffness: float | None = field(positive("N/m"), default=None, none="None")
+    damping: float | None = field(not_negative("N s/m"), default=None, none="None")
+    rod_mass: float | None = field(positive("kg"), default=None, none="None")
+    rod_radius: float | None = field(positive("m"), default=None, none="None")
+    node_mass: float | None = field(positive("kg"), default=None, none="None")
+
+
 AXES = "xyz"
 ALL = frozenset(AXES)
 
 
-@dataclass
+@dataclasses.dataclass
 class Draft:
     """A scene in the making.
 
@@ -44,16 +67,16 @@ class Draft:
 
     name: str
     source: str = ""
-    nodes: dict[str, Any] = field(default_factory=dict)
-    rods: list[Rod] = field(default_factory=list)
-    strings: list[String] = field(default_factory=list)
-    held: dict[str, frozenset[str]] = field(default_factory=dict)
-    masses: dict[str, float] = field(default_factory=dict)
-    loads: list[Load] = field(default_factory=list)
-    velocities: dict[str, Any] = field(default_factory=dict)
-    constraints: list[Constraint] = field(default_factory=list)
-    settings: dict[str, Any] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    nodes: dict[str, Any] = dataclasses.field(default_factory=dict)
+    rods: list[Rod] = dataclasses.field(default_factory=list)
+    strings: list[String] = dataclasses.field(default_factory=list)
+    held: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
+    masses: dict[str, float] = dataclasses.field(default_factory=dict)
+    loads: list[Load] = dataclasses.field(default_factory=list)
+    velocities: dict[str, Any] = dataclasses.field(default_factory=dict)
+    constraints: list[Constraint] = dataclasses.field(default_factory=list)
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
+    notes: list[str] = dataclasses.field(default_factory=list)
 
     def scene(self) -> Scene:
         """The scene; may add notes.
@@ -107,7 +130,7 @@ class Draft:
             first = kept.setdefault(frozenset(rod.nodes), rod)
             if first is not rod:
                 self.notes.append(f"rod '{rod.name}' joins the nodes of '{first.name}', which stands for both")
-                kept[frozenset(rod.nodes)] = replace(first, mass=first.mass + rod.mass)
+                kept[frozenset(rod.nodes)] = dataclasses.replace(first, mass=first.mass + rod.mass)
         self.rods = list(kept.values())
 
     def _remove_held_rods(self) -> None:
@@ -177,7 +200,7 @@ class Draft:
             plane = _plane(planes, self.rods[row].nodes[0])
             if row not in supports and plane is not None:
                 supports[row] = Support.free(plane=plane)
-        return [replace(rod, support=supports.get(row, rod.support)) for row, rod in enumerate(self.rods)]
+        return [dataclasses.replace(rod, support=supports.get(row, rod.support)) for row, rod in enumerate(self.rods)]
 
     def _planes(self) -> dict[str, frozenset[str]]:
         """Node -> the axis along which all nodes are held that hang together with it: these rods move in a plane."""
@@ -227,7 +250,7 @@ def held_axes(structure: Structure) -> tuple[dict[str, frozenset[str]], list[str
 def _loose(constraints: Iterable[Constraint], free: Collection[str]) -> list[Constraint]:
     """Return the constraints' parts on nodes that are free, each value of which the reference gives."""
     kept = [({node: w for node, w in one.nodes.items() if node in free}, one) for one in constraints]
-    return [replace(one, nodes=nodes) for nodes, one in kept if nodes]
+    return [dataclasses.replace(one, nodes=nodes) for nodes, one in kept if nodes]
 
 
 def _axes_of(rows: Sequence[Sequence[float]]) -> str | None:
@@ -257,10 +280,12 @@ def _together(first: String, second: String, length: float) -> String:
 
     k, c = first.stiffness + second.stiffness, first.damping + second.damping
     if k == 0:  # constant forces
-        return replace(first, damping=c, tension=tension(first) + tension(second))
+        return dataclasses.replace(first, damping=c, tension=tension(first) + tension(second))
     rest = length - (tension(first) + tension(second)) / k
     mass = (first.mass or 0.0) + (second.mass or 0.0) or None
-    return replace(first, stiffness=k, damping=c, rest_length=rest, mass=mass, tension=None, force_density=None)
+    return dataclasses.replace(
+        first, stiffness=k, damping=c, rest_length=rest, mass=mass, tension=None, force_density=None
+    )
 
 
 def _plane(planes: Mapping[str, frozenset[str]], name: str) -> tuple[float, float, float] | None:

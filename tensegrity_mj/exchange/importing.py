@@ -11,8 +11,7 @@ from pathlib import Path
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.texts import closest, file_name
 from tensegrity_mj.errors import FormatError, OptionError, SceneError, StructureError, printable
-from tensegrity_mj.exchange.draft import Draft
-from tensegrity_mj.exchange.options import ImportOptions
+from tensegrity_mj.exchange.draft import Draft, ImportOptions
 from tensegrity_mj.model.plausibility import warnings_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml

@@ -20,9 +20,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import content_of
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.errors import FormatError, printable
-from tensegrity_mj.exchange.draft import Draft
+from tensegrity_mj.exchange.draft import Draft, ImportOptions
 from tensegrity_mj.exchange.matlab import Variables, draft_of
-from tensegrity_mj.exchange.options import ImportOptions
 
 MOST_BYTES = 1_000_000
 MOST_ELEMENTS = 2_000_000  # of a matrix: the connectivity of 1,000 nodes and 2,000 members

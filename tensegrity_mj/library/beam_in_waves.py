@@ -21,8 +21,7 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import member, positive
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import appendix_beam

@@ -1,6 +1,6 @@
-"""Families by name: the scene of a text such as "tower(stages=10, stiffness=2e4)".
+"""Scenes by name, path or the call of a family, a text such as "tower(stages=10, stiffness=2e4)".
 
-The text is one call of a family with literals for arguments: numbers, texts in quotes, True, False, None, and tuples or
+The call is one of a family with literals for arguments: numbers, texts in quotes, True, False, None, and tuples or
 lists of them; options that are enums in Python are given by the text of their value. Nothing of it is executed.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
 import re
 import typing
 from collections.abc import Callable, Mapping
@@ -19,6 +20,9 @@ from tensegrity_mj.basics.installed import installed, load
 from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
+from tensegrity_mj.model.text.sources import find
 
 _HOME = {
     "appendix_beam": "thesis_towers",
@@ -136,3 +140,42 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: 
         return values
     hints = typing.get_type_hints(own)
     return {key: fitted(f"{name}: {key}", value, hints.get(key), FormatError) for key, value in values.items()}
+
+
+def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
+    """The scene of that name in the package (see `scene_names`), in that .toml file, or of a call of a family.
+
+    A text such as "tower(stages=10)" is a call of a family, see `library.named`. Another text without a path separator
+    that does not end in .toml is a name.
+
+    Raises:
+        FormatError: if there is no such scene, file or family, or it is not of this format.
+        StructureError, SceneError: if what it describes is not valid.
+        OptionError, InfeasibleError: if a family cannot build what is wanted of it.
+    """
+    called = _called(name_or_path)
+    if called is not None:
+        return called
+    text, where, folder = find(name_or_path)
+    return scene_from_toml(text, where, folder, _made)
+
+
+def load_structure(name_or_path: str | os.PathLike[str]) -> Structure:
+    """The structure of a file, of a scene of the package, or of a family's; named, and failing, as `load_scene`."""
+    called = _called(name_or_path)
+    if called is not None:
+        return called.structure
+    text, where, folder = find(name_or_path)
+    return structure_from_toml(text, where, folder, _made)
+
+
+def _made(text: str) -> Structure | None:
+    called = _called(text)
+    return None if called is None else called.structure
+
+
+def _called(name_or_path: str | os.PathLike[str]) -> Scene | None:
+    """The scene of a family's call, or None where it is none."""
+    if not isinstance(name_or_path, str) or not is_family_call(name_or_path):
+        return None
+    return family_scene(name_or_path)

@@ -9,8 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library import cable, cross, suspended_cable
 from tensegrity_mj.model.events import Load

@@ -15,8 +15,7 @@ import numpy as np
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, positive, sequence_of
-from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import HINGE, PLANE, SLIDER, THESIS

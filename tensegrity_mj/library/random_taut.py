@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.structure import Structure

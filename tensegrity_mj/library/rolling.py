@@ -14,8 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.six_bar import icosahedron
 from tensegrity_mj.model.events import ControlSpec

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics import kinds
-from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY
 from tensegrity_mj.library.robots import UPRIGHT, force_density, on_floor

@@ -7,11 +7,9 @@ import math
 import numpy as np
 
 from tensegrity_mj.basics import kinds
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass, chain, scene_of
 from tensegrity_mj.library.cross import THESIS

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.fields import refused, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import function_of, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.tower import Topology, base_nodes, middle_nodes, released, top_nodes, tower_like

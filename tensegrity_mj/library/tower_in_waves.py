@@ -11,8 +11,7 @@ at rest with its axis `start_depth` below the still surface, from where it rises
 from __future__ import annotations
 
 from tensegrity_mj.basics import kinds
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library import cable, cross, thesis_towers, tower
 from tensegrity_mj.model.elements.water import Water, Weights

@@ -1,9 +1,8 @@
 """Linear models of a scene about a state, from each engine's own equations; `linearize` derives how accurate they are.
 
 chart        coordinates that all engines share
-strings      keeps taut strings taut, and slack ones slack
 differences  how far from the state, and with what weights
-law          a law's rest lengths and force densities as inputs
+linearizing  the derivatives; strings stay taut or slack; a law's rest lengths; states of elements
 model        the matrices, and what follows from them
 """
 

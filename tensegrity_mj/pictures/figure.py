@@ -1,13 +1,16 @@
-"""The one frame of all figures: how they are made, labelled, scaled and written.
+"""The one frame of all figures: how they are made, labelled, scaled, dressed for papers and written.
 
 Figures are made without pyplot: nothing global is touched, no window opens, and they can be made in any thread.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +18,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.pictures import palette, paper
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.pictures import palette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,12 +37,83 @@ ZOOM = 1.15  # of a box in space, which matplotlib draws small
 GREY = (0.45, 0.47, 0.5)
 
 
+WIDTHS = {1: 88.0 / 25.4, 2: 181.0 / 25.4}  # inches, of one column and of both
+PAPER_DPI = 600
+FONTS = ["STIXGeneral", "DejaVu Sans"]  # like Times; matplotlib brings both
+SMALLEST, LARGEST = 7.0, 9.0  # points
+SHRINK = 0.8  # of a letter on the screen
+THINNER = 0.75
+TALLER = 1.15  # letters shrink less than panels
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A figure as wide as so many columns of a page, 1 or 2."""
+
+    columns: int = 2
+
+    def __post_init__(self) -> None:
+        if self.columns not in WIDTHS or isinstance(self.columns, bool):
+            raise OptionError(f"paper: columns={self.columns!r}; it must be 1 (88 mm) or 2 (181 mm)")
+
+    def fit(self, width: float, height: float) -> tuple[float, float]:
+        """The size [inches] of a figure that has this size on the screen."""
+        return WIDTHS[self.columns], height * TALLER * WIDTHS[self.columns] / width
+
+    def dress(self, figure: Figure) -> None:
+        """Set fonts and lines of a finished figure; a second time changes nothing."""
+        from matplotlib.lines import Line2D
+        from matplotlib.text import Text
+
+        if getattr(figure, "_in_paper", False):
+            return
+        figure._in_paper = True  # type: ignore[attr-defined]
+        for text in figure.findobj(Text):
+            text.set_fontfamily(FONTS)
+            text.set_math_fontfamily("stix")
+            text.set_fontsize(min(LARGEST, max(SMALLEST, SHRINK * float(text.get_fontsize()))))
+        for line in figure.findobj(Line2D):
+            line.set_linewidth(THINNER * line.get_linewidth())
+            line.set_markersize(THINNER * line.get_markersize())
+        for panel in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
+            panel.tick_params(labelsize=SMALLEST, labelfontfamily=FONTS, width=0.5, length=2.5)  # type: ignore[attr-defined]
+            panel.tick_params(which="minor", labelsize=SMALLEST, labelfontfamily=FONTS)  # type: ignore[attr-defined]
+
+
+_PAPER: ContextVar[Paper | None] = ContextVar("paper", default=None)
+
+
+@contextlib.contextmanager
+def paper(columns: int = 2) -> Iterator[None]:
+    """Make all figures within for papers: as wide as one column, panels below one another, or as both.
+
+    They are 88 mm or 181 mm wide, with letters of 7 to 9 points like those of the text around them, and 600 dots an
+    inch where they are written as pixels.
+
+        with tmj.pictures.plots.paper(columns=1):
+            tmj.pictures.plots.plot_run(run, "prism.pdf")
+
+    Raises:
+        OptionError: another number of columns.
+    """
+    before = _PAPER.set(Paper(columns))
+    try:
+        yield
+    finally:
+        _PAPER.reset(before)
+
+
+def chosen_paper() -> Paper | None:
+    """Return the paper that figures are made for now; None for the screen."""
+    return _PAPER.get()
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, in inches; of the width of a paper's columns within `paper`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as MatplotlibFigure
 
-    wanted = paper.chosen()
+    wanted = chosen_paper()
     size = (width, height) if wanted is None else wanted.fit(width, height)
 
     class Canvas(FigureCanvasAgg):
@@ -73,7 +148,7 @@ def grid_of_panels(count: int, columns: int, width: float, height: float, room: 
 
 def panels_in_a_row(columns: int) -> int:
     """Return the number of panels in a row: one in a paper's column."""
-    wanted = paper.chosen()
+    wanted = chosen_paper()
     return columns if wanted is None or wanted.columns == 2 else 1
 
 
@@ -120,8 +195,8 @@ def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: floa
     place = panel.get_subplotspec()
     width = figure.bbox.width / figure.dpi / (place.get_geometry()[1] if place else 1)
     longest = max(5 if label.startswith("$") else len(label) for label in labels)  # a formula is short
-    smaller = 1.0 if paper.chosen() is None else paper.SHRINK
-    letters = 72.0 * width / (0.56 * max(smaller * size, paper.SMALLEST))
+    smaller = 1.0 if chosen_paper() is None else SHRINK
+    letters = 72.0 * width / (0.56 * max(smaller * size, SMALLEST))
     columns = max(1, min(4, len(handles), int(letters / (6 + longest))))
     below = panel.transAxes + ScaledTranslation(0.0, -smaller * BELOW / 72.0, figure.dpi_scale_trans)
     look: dict[str, Any] = {"frameon": False, "ncols": columns, "columnspacing": 1.2, "borderaxespad": 0.0}
@@ -185,10 +260,10 @@ def save_figure(figure: Figure, path: PathLike, dpi: float | None = None) -> Pat
     with replacing(destination) as part:
         # Without dates the same figure gives the same file.
         metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(destination.suffix.lower(), {})
-        wanted = paper.chosen()
+        wanted = chosen_paper()
         if wanted is not None:
             wanted.dress(figure)
-        dpi = dpi or (DPI if wanted is None else paper.DPI)
+        dpi = dpi or (DPI if wanted is None else PAPER_DPI)
         if destination.suffix.lower() == ".png":
             print_png(figure, part, dpi)
             return destination

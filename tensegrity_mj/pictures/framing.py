@@ -6,8 +6,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.model.elements.waves import Sea
-from tensegrity_mj.pictures import camera_path, painter, palette, surface
-from tensegrity_mj.pictures.camera import Camera, clearest, fit
+from tensegrity_mj.pictures import painter, palette, surface
+from tensegrity_mj.pictures.camera import Camera, CameraPath, clearest, fit
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.view import View
 
@@ -91,7 +91,7 @@ class Framing:
         cameras = [self.camera] if self.path is None else [self.path.at(time) for time in self.path.times]
         return np.max([np.max(np.abs(camera.project(self.points)), axis=0) for camera in cameras], axis=0)
 
-    def _plan_path(self, margin: float, aspect: float) -> camera_path.CameraPath | None:
+    def _plan_path(self, margin: float, aspect: float) -> CameraPath | None:
         """The way of a camera that goes with the structure and keeps its floor in view; None to stand still."""
         start, end = min(m.start for m in self.motions), max(m.end for m in self.motions)
         still = self.follow or self.surface is not None or self.view.distance is not None
@@ -106,7 +106,7 @@ class Framing:
             seen += [] if targets is None or not self.view.target else [targets]
         corners = self._grid_corners()
         seen.append(np.broadcast_to(corners, (KEYS, *corners.shape)))
-        return camera_path.CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
+        return CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
 
     def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
         """Place the water; return its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""

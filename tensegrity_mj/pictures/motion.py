@@ -1,4 +1,4 @@
-"""Motion of a run for pictures: places of nodes and tensions of strings at any time between the recorded samples."""
+"""Motion of a run for pictures: nodes and tensions at any time between samples, and the places of supports."""
 
 from __future__ import annotations
 
@@ -201,3 +201,26 @@ def down_of(scene: Scene) -> Array:
     gravity = np.array(scene.gravity, float)
     size = float(np.linalg.norm(gravity))
     return gravity / size if size > 0.0 else np.array([0.0, 0.0, -1.0])
+
+
+def supported_points(structure: Structure, nodes: Array) -> list[tuple[Array, int]]:
+    """Return the points [m] where the structure is held, each with its number of held directions (1 to 3)."""
+    places = support_places(structure)
+    return [((1.0 - sigma) * nodes[i] + sigma * nodes[j], held) for i, j, sigma, held, _ in places]
+
+
+def support_places(structure: Structure) -> list[tuple[int, int, float, int, str]]:
+    """Rows of two nodes, σ of the held point between them, in how many directions it is held, and what holds it.
+
+    Linear constraints of one or two nodes are among them.
+    """
+    rows = structure.node_index
+    places = [(rows[name], rows[name], 0.0, 3, name) for name in structure.fixed_nodes]
+    for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True):
+        if held := len(rod.support.directions):
+            places.append((i, j, rod.support.sigma, held, f"support of {rod.name}"))
+    for one in structure.constraints:
+        (first, *_), (last, weight), total = one.nodes, list(one.nodes.items())[-1], sum(one.nodes.values())
+        if len(one.nodes) <= 2 and total:
+            places.append((rows[first], rows[last], weight / total, 1, one.name))
+    return places

@@ -1,4 +1,9 @@
-"""One structure as geoms of a MuJoCo scene, from node positions alone: no joint, no simulation, any engine's run."""
+"""One structure as geoms of a MuJoCo scene, from node positions alone: any engine's run.
+
+A massless slack string has no shape of its own. A parabola in the plane of the chord and "down" is close to the
+catenary that a reader expects, hangs without gravity too, and becomes the straight string without a jump as the slack
+vanishes.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.basics.arrays import Array, norm, rotations_to
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
-from tensegrity_mj.pictures.motion import Motion, Pose
-from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.motion import Motion, Pose, supported_points
 from tensegrity_mj.pictures.shade import MOST_STRINGS, PIECES, Patch
-from tensegrity_mj.pictures.supports import supported_points
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
@@ -80,6 +83,56 @@ class Sizes:
             support=max(1.5 * least, 1.4 * float(np.max(rods, initial=0.0))),
             point_mass=2.4 * least,
         )
+
+
+# An almost empty model: it lends MuJoCo's renderer its lights and its settings. Drawn without multisampling, shadow,
+# reflection and sky, which cost most of the time in software OpenGL; frames are smoothed by drawing them larger.
+_MODEL = f"""
+<mujoco>
+  <statistic center="0 0 0" extent="1"/>
+  <visual>
+    <global fovy="{FIELD_OF_VIEW}"/>
+    <quality shadowsize="0" offsamples="0" numslices="14" numstacks="7" numquads="1"/>
+    <headlight ambient="0.42 0.42 0.42" diffuse="0.38 0.38 0.38" specular="0.06 0.06 0.06"/>
+  </visual>
+  <worldbody>
+    <light type="directional" dir="-0.3 0.35 -1" diffuse="0.34 0.34 0.34" ambient="0 0 0"
+           specular="0.1 0.1 0.1" castshadow="false"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def make_model(surface: Surface | None = None, terrain: Terrain | None = None, cell: float = 1.0) -> Any:
+    """The MjModel that pictures are drawn with; with water, it lends the renderer a skin for each of its meshes.
+
+    On a terrain there are lines a `cell` [m] apart.
+    """
+    import mujoco
+
+    specification = mujoco.MjSpec.from_string(_MODEL)
+    if terrain is not None:
+        add_terrain(specification, terrain)
+        texture = specification.add_texture(name="lines", type=mujoco.mjtTexture.mjTEXTURE_2D, width=256, height=256)
+        texture.builtin, texture.mark = mujoco.mjtBuiltin.mjBUILTIN_FLAT, mujoco.mjtMark.mjMARK_EDGE
+        texture.rgb1, texture.markrgb = [1.0, 1.0, 1.0], [0.8, 0.8, 0.8]
+        lined = specification.add_material(name="lined", texuniform=True, texrepeat=[2.0 / cell, 2.0 / cell])
+        lined.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "lines"
+    for faces in () if surface is None else surface.faces:
+        count = int(faces.max()) + 1
+        # Where vertices are is said for each frame; here the triangles count, and that there is a bone.
+        skin = specification.add_skin()
+        skin.vert, skin.face = np.zeros(3 * count).tolist(), faces.ravel().tolist()
+        skin.bodyname, skin.bindpos, skin.bindquat = ["world"], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+        skin.vertid, skin.vertweight = [list(range(count))], [[1.0] * count]
+    return specification.compile()
+
+
+def add_terrain(specification: Any, terrain: Terrain) -> None:
+    """Add the height field of a terrain to a model's assets, its only one."""
+    _, sizes, shares = terrain.height_field()
+    rows, columns = shares.shape
+    specification.add_hfield(name="terrain", nrow=rows, ncol=columns, size=sizes, userdata=shares.ravel().tolist())
 
 
 class Painter:
@@ -357,3 +410,58 @@ def slack_curves(motion: Motion, pose: Pose, slack: NDArray[np.bool_]) -> Array:
 
 def _rgba(color: palette.Color, alpha: float) -> NDArray[np.float32]:
     return np.array([*color, alpha], np.float32)
+
+
+MAX_RATIO = 1e3  # of string to chord; beyond, the chord makes no difference
+
+
+def parabola_slope(ratio: Array) -> Array:
+    """Slope w >= 0 at the ends of the parabola whose arc is `ratio` >= 1 times its chord, elementwise.
+
+    Arc length over chord of y = w x (1 - x), x in [0, 1]:  S(w) = √(1 + w²)/2 + asinh(w)/(2 w). S is increasing and
+    convex, so Newton's method from above converges without overshoot; w = 2 ratio lies above, because S(w) > w/2.
+    """
+    target = np.clip(np.asarray(ratio, float), 1.0, MAX_RATIO)
+    w = 2.0 * target
+    for _ in range(60):
+        root = np.sqrt(1.0 + w**2)
+        # Near w = 0 both expressions are of the form 0/0: S = 1 + w²/6 - ..., dS/dw = w/3 - ...
+        small = w < 1e-4
+        safe = np.where(small, 1.0, w)
+        value = np.where(small, 1.0 + w**2 / 6.0, 0.5 * root + np.arcsinh(safe) / (2.0 * safe))
+        slope = np.where(small, w / 3.0, 0.5 * root / safe - np.arcsinh(safe) / (2.0 * safe**2))
+        change = np.where(slope > 0.0, (value - target) / np.where(slope > 0.0, slope, 1.0), w)
+        w = np.maximum(0.0, w - change)
+        if np.all(np.abs(change) <= 1e-12 * (1.0 + w)):
+            break
+    return np.where(target > 1.0, w, 0.0)
+
+
+def slack_arcs(start: Array, end: Array, rest_lengths: Array, down: Array, outward: Array, segments: int) -> Array:
+    """Points (M, segments + 1, 3) [m] along slack strings, ends included.
+
+    Args:
+        start, end: (M, 3) the strings' ends.
+        rest_lengths: (M,) their lengths; a string that is not longer than its chord is drawn straight.
+        down: (3,) unit vector that they hang along.
+        outward: (M, 3) where a string hangs whose chord runs along `down`: away from the structure's middle.
+        segments: number of straight pieces.
+    """
+    chord = end - start
+    lengths = np.linalg.norm(chord, axis=1)
+    # Ends that (almost) meet: a loop of the right length.
+    safe = np.maximum(lengths, np.maximum(rest_lengths / MAX_RATIO, 1e-300))
+    along = chord / safe[:, None]
+    # A little of `outward` at all times keeps the direction continuous as a chord turns through the vertical.
+    wish = down + 0.05 * outward / np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
+    across = wish - np.sum(wish * along, axis=1)[:, None] * along
+    norms = np.linalg.norm(across, axis=1)
+    across = np.where(norms[:, None] > 1e-9, across, rotations_to(along)[:, :, 0])
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    w = parabola_slope(rest_lengths / safe)
+    # Equal steps of the slope's angle put more points where the curve bends.
+    angle = np.linspace(-1.0, 1.0, segments + 1) * np.arctan(w)[:, None]
+    x = 0.5 * (1.0 + np.where(w[:, None] > 1e-6, np.tan(angle) / np.maximum(w[:, None], 1e-300), 0.0))
+    x = np.where(w[:, None] > 1e-6, x, np.linspace(0.0, 1.0, segments + 1))
+    depth = safe[:, None] * w[:, None] * x * (1.0 - x)
+    return start[:, None] + chord[:, None] * x[..., None] + across[:, None] * depth[..., None]

@@ -22,38 +22,12 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import directions, rod_number, support_points
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.curves import WIDTH, largest
-from tensegrity_mj.pictures.figure import (
-    COLUMN,
-    GREY,
-    MAX_LEGEND,
-    ROW,
-    PathLike,
-    line_style,
-    new_figure,
-    note,
-    panels_in_a_row,
-    print_png,
-    saved,
-)
+from tensegrity_mj.pictures import figure as figures
+from tensegrity_mj.pictures import palette, run_panels
+from tensegrity_mj.pictures.figure import PathLike
+from tensegrity_mj.pictures.figure import paper as paper
 from tensegrity_mj.pictures.figure import save_figure as save_figure
-from tensegrity_mj.pictures.paper import paper as paper
-from tensegrity_mj.pictures.paths import plot_paths as plot_paths
-from tensegrity_mj.pictures.run_panels import (
-    controls,
-    forces,
-    heights,
-    law_name,
-    listed,
-    multipliers,
-    over_time,
-    rest_lengths,
-    rows_of_panels,
-    share_scales,
-    target_nodes,
-    tensions,
-)
+from tensegrity_mj.pictures.motion import supported_points
 from tensegrity_mj.runs.comparison import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -86,7 +60,7 @@ def plot_run(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = No
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
-    all_runs = listed(runs)
+    all_runs = run_panels.listed(runs)
     if not any(run.scene.target is not None for run in all_runs):
         return plot_motion(all_runs, path)
     one_rod = all(len(run.scene.structure.rods) == 1 and not run.scene.structure.point_masses for run in all_runs)
@@ -97,11 +71,11 @@ def png_of(run: Trajectory) -> bytes | None:
     """The tensions of a run over time as PNG, for notebooks, or heights where nothing pulls; None of an instant."""
     if len(run.time) < 2:
         return None
-    figure = new_figure(1.5 * COLUMN, 1.2 * ROW)
+    figure = figures.new_figure(1.5 * figures.COLUMN, 1.2 * figures.ROW)
     panel, stream = figure.subplots(), io.BytesIO()
-    (tensions if run.tensions.any() else heights)(panel, run)
+    (run_panels.tensions if run.tensions.any() else run_panels.heights)(panel, run)
     panel.set_xlabel("time [s]", fontsize=9)
-    print_png(figure, stream, NOTEBOOK_DPI)
+    figures.print_png(figure, stream, NOTEBOOK_DPI)
     return stream.getvalue()
 
 
@@ -114,8 +88,9 @@ def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
-    driven = any(run.provenance.get("controller") for run in listed(runs))
-    return _in_rows(runs, path, heights, tensions, *([rest_lengths] if driven else []), forces)
+    driven = any(run.provenance.get("controller") for run in run_panels.listed(runs))
+    drawn = [run_panels.heights, run_panels.tensions, *([run_panels.rest_lengths] if driven else []), run_panels.forces]
+    return _in_rows(runs, path, *drawn)
 
 
 def plot_coordinates(
@@ -133,7 +108,7 @@ def plot_coordinates(
     def coordinates(panel: Axes, run: Trajectory) -> None:
         which, rods = rod_number(run.scene.structure, rod), run.scene.structure.rods
         b = directions(run.scene.structure, run.nodes)[:, which]
-        aim = target_nodes(run)
+        aim = run_panels.target_nodes(run)
         for axis, name in enumerate("xyz"):
             look: dict[str, Any] = {"color": palette.CYCLE[axis], "marker": palette.marker_of(axis), "ms": 3.5}
             panel.plot(run.time, b[:, axis], lw=1.3, label=f"$b_{name}$", markevery=MARKS[axis], **look)
@@ -144,12 +119,12 @@ def plot_coordinates(
                 panel.plot(run.time, goal[:, axis], color=palette.CYCLE[axis], lw=1.2, ls=":", label=label)
         panel.plot(run.time, np.sum(b * b, axis=1), color="black", lw=1.0, ls="--", label=r"$\|b\|^2$")
         of_which = f" of rod {figure_text(rods[which].name)}" if len(rods) > 1 else ""
-        over_time(panel, f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
+        run_panels.over_time(panel, f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
 
     def multiplier(panel: Axes, run: Trajectory) -> None:
-        multipliers(panel, run, [rod_number(run.scene.structure, rod)])
+        run_panels.multipliers(panel, run, [rod_number(run.scene.structure, rod)])
 
-    return _in_rows(runs, path, coordinates, controls, multiplier)
+    return _in_rows(runs, path, coordinates, run_panels.controls, multiplier)
 
 
 def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
@@ -168,13 +143,14 @@ def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
     def shifted(run: Trajectory) -> bool:
         return bool(run.scene.structure.given.point_masses) or _off(run, support_points).max(initial=0.0) > STILL
 
-    chosen = [one for one, needed in ((_turns, turned), (_shifts, shifted)) if any(map(needed, listed(runs)))]
-    return _in_rows(runs, path, *(chosen or [_turns]), controls, multipliers)
+    all_runs = run_panels.listed(runs)
+    chosen = [one for one, needed in ((_turns, turned), (_shifts, shifted)) if any(map(needed, all_runs))]
+    return _in_rows(runs, path, *(chosen or [_turns]), run_panels.controls, run_panels.multipliers)
 
 
 def _reference(run: Trajectory) -> Array:
     """Nodes (T or 1, N, 3) [m] of the target, or of the start."""
-    aim = target_nodes(run)
+    aim = run_panels.target_nodes(run)
     return run.nodes[:1] if aim is None else aim
 
 
@@ -188,7 +164,7 @@ def _turns(panel: Any, run: Trajectory) -> None:
     """‖e_b‖ of the rods, or the change since the start."""
     _distances(panel, run, "b", directions)
     title = "Directions: change since the start" if run.scene.target is None else r"Errors $\|e_b\|$ of directions"
-    over_time(panel, title, "of the unit vector [1]")
+    run_panels.over_time(panel, title, "of the unit vector [1]")
 
 
 def _shifts(panel: Any, run: Trajectory) -> None:
@@ -198,17 +174,17 @@ def _shifts(panel: Any, run: Trajectory) -> None:
     for k, mass in enumerate(structure.given.point_masses):
         i = structure.node_index[mass.node]
         distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
-        name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None
+        name = figure_text(mass.node) if k < figures.MAX_LEGEND // 2 else None
         panel.plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=name)
     title = "Places: change since the start" if run.scene.target is None else r"Errors $\|e_r\|$ of places"
-    over_time(panel, title, "distance [m]")
+    run_panels.over_time(panel, title, "distance [m]")
 
 
 def _distances(panel: Any, run: Trajectory, letter: str, what: Callable[[Structure, Array], Array]) -> None:
     """Curves of the rods that move most, and a band of the others."""
     values, sign = _off(run, what), "\\Delta " if run.scene.target is None else "e_"
     moving = np.flatnonzero(values.max(axis=0) > STILL)
-    shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
+    shown = moving[run_panels.largest(values[:, moving], figures.MAX_LEGEND // 2)]
     rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
     if rest.shape[1]:
         label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
@@ -216,7 +192,7 @@ def _distances(panel: Any, run: Trajectory, letter: str, what: Callable[[Structu
         panel.fill_between(run.time, rest.min(axis=1), rest.max(axis=1), **band)
     for a in shown:
         label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
-        look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5, "lw": WIDTH}
+        look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5, "lw": run_panels.WIDTH}
         panel.plot(run.time, values[:, a], ls="-", label=label, markevery=MARKS[a % len(MARKS)], **look)
 
 
@@ -224,13 +200,88 @@ def _in_rows(
     runs: Trajectory | Sequence[Trajectory], path: PathLike | None, *draw: Callable[[Any, Trajectory], None]
 ) -> Figure:
     """A row of panels for each run, one by each of these functions; written where a path is given."""
-    all_runs = listed(runs)
-    figure, panels = rows_of_panels(all_runs, len(draw))
+    all_runs = run_panels.listed(runs)
+    figure, panels = run_panels.rows_of_panels(all_runs, len(draw))
     for run, row in zip(all_runs, panels, strict=True):
         for one, panel in zip(draw, row, strict=True):
             one(panel, run)
-    share_scales(panels)
-    return saved(figure, path)
+    run_panels.share_scales(panels)
+    return figures.saved(figure, path)
+
+
+STRING = (0.70, 0.72, 0.75)
+FLAT = 1e-3  # of the extent: paths that stay as near to a plane across an axis are drawn in that plane
+SIZE = 6.4  # inches
+
+
+def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
+    """Figures 5.3 and 5.6: the paths of the nodes, a colour for each run, and the rods at the end in black.
+
+    Strings at the end are grey, the target's rods broad and pale, fixed points squares. All runs share one picture; a
+    later run is thin and dashed, so that one that it covers shows. What stays in a plane across x, y or z is drawn in
+    that plane.
+
+    Raises:
+        OptionError: no run, an empty one, or a path that cannot be written.
+    """
+    all_runs = run_panels.listed(runs)
+    aims = [run_panels.target_nodes(run) for run in all_runs]
+    points = [run.nodes.reshape(-1, 3) for run in all_runs] + [aim[-1] for aim in aims if aim is not None]
+    panel, shown = _space(np.concatenate(points))
+    for number, (run, aim) in enumerate(zip(all_runs, aims, strict=True)):
+        _draw(panel, shown, run, aim, number)
+    ends = ", ".join(dict.fromkeys(f"{run.time[-1]:g} s" for run in all_runs))
+    title = f"{figure_text(all_runs[0].scene.name)}: paths of the nodes, rods at {ends}"
+    if len(shown) == 2:
+        figures.frame(panel, title, *(f"{'xyz'[axis]} [m]" for axis in shown))
+    else:
+        panel.set_title(title, fontsize=10)
+        figures.common_legend(panel.figure, [panel])
+    return figures.saved(panel.figure, path)
+
+
+def _space(points: Array) -> tuple[Any, list[int]]:
+    """An empty panel for points (n, 3) [m], of three axes or of the two that they spread in; those axes."""
+    spread = np.ptp(points, axis=0)
+    thin = int(np.argmin(spread))
+    if spread[thin] > FLAT * float(spread.max()):
+        panel: Any = figures.new_figure(SIZE, 0.85 * SIZE).add_subplot(projection="3d", computed_zorder=False)
+        figures.equal_scales(panel, points)
+        return panel, [0, 1, 2]
+    shown = [axis for axis in range(3) if axis != thin]
+    wide, tall = np.maximum(spread[shown], 0.1 * float(spread.max()) or 1.0)
+    panel = figures.new_figure(SIZE, float(np.clip(SIZE * tall / wide, 0.22 * SIZE, SIZE)) + 0.9).subplots()
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.margins(0.06)
+    return panel, shown
+
+
+def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, number: int) -> None:
+    """One run: its paths, where it ends, and its target."""
+
+    def lines(pieces: Array, **look: Any) -> None:
+        """Pieces (n, P, 3) as one curve with gaps."""
+        gaps = np.full((len(pieces), 1, 3), np.nan)
+        joined = np.concatenate([pieces, gaps], axis=1).reshape(-1, 3)[:-1]
+        panel.plot(*joined[:, axes].T, **look)
+
+    structure, end = run.scene.structure, run.nodes[-1]
+    moving = np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9
+    if moving.any():
+        width = (1.2 if moving.sum() <= 2 * figures.MAX_LEGEND else 0.6) * (1.0 if number else 2.0)
+        label = figure_text(run.engine.partition(",")[0] or run.scene.name)
+        look = {"color": palette.color_of(2 * number), "ls": figures.line_style(number), "lw": width}
+        lines(run.nodes[:, moving].swapaxes(0, 1), label=label, **look)
+    if len(structure.strings):
+        lines(end[structure.paths.nodes], color=STRING, lw=0.7)
+    if aim is not None and len(structure.rod_nodes):
+        label = "" if number else "target"
+        lines(aim[-1, structure.rod_nodes], color=palette.TARGET, lw=4.0, alpha=0.5, label=label)
+    bars = np.concatenate([structure.rod_nodes, structure.body_edges])
+    if len(bars):
+        lines(end[bars], color="black", lw=2.0, solid_capstyle="round")
+    for point, held in supported_points(structure, end):
+        panel.plot(*point[axes][:, None], marker="s", color="black" if held == 3 else figures.GREY, ms=5)
 
 
 def plot_comparison(comparison: Comparison, path: PathLike | None = None, *, runs: Sequence[Trajectory] = ()) -> Figure:
@@ -244,8 +295,8 @@ def plot_comparison(comparison: Comparison, path: PathLike | None = None, *, run
         OptionError: a path that cannot be written.
     """
     time = np.asarray(comparison.time, float)
-    columns = panels_in_a_row(3)
-    figure = new_figure(columns * COLUMN, 6 // columns * ROW + 0.6)
+    columns = figures.panels_in_a_row(3)
+    figure = figures.new_figure(columns * figures.COLUMN, 6 // columns * figures.ROW + 0.6)
     panels = figure.subplots(6 // columns, columns, sharex=True)
     for panel, name in zip(panels.ravel(), DRAWN, strict=True):
         _, of, unit = DIFFERENCES[name]
@@ -259,16 +310,18 @@ def plot_comparison(comparison: Comparison, path: PathLike | None = None, *, run
             for number, run in enumerate(runs):
                 # The engine's name alone: its options are in the title.
                 label = f"balance of {figure_text(run.engine.partition(',')[0]) or f'run {number + 1}'}"
-                style = line_style(number)
+                style = figures.line_style(number)
                 curves.append((run.time, run.energy_balance, palette.color_of(number), style, label))
         _logarithmic(panel, curves)
-        over_time(panel, of.capitalize(), f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]")
+        run_panels.over_time(
+            panel, of.capitalize(), f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]"
+        )
     for panel in panels.ravel()[-columns:]:
         panel.set_xlabel("time [s]", fontsize=9)
     names = [getattr(comparison, name, "") for name in ("first", "second")]
     if all(names):
         figure.suptitle(" against ".join(map(figure_text, names)), fontsize=11)
-    return saved(figure, path)
+    return figures.saved(figure, path)
 
 
 def plot_clearance(clearance: Clearance, path: PathLike | None = None) -> Figure:
@@ -282,7 +335,7 @@ def plot_clearance(clearance: Clearance, path: PathLike | None = None) -> Figure
     """
     if clearance.over_time is None or clearance.samples < 2:
         raise OptionError("plot_clearance: there are no distances over time: use tmj.clearance(run, over_time=True)")
-    figure = new_figure(1.8 * COLUMN, 1.3 * ROW)
+    figure = figures.new_figure(1.8 * figures.COLUMN, 1.3 * figures.ROW)
     panel = figure.subplots()
     for number, (kind, values) in enumerate(clearance.over_time.items()):
         approach = clearance.smallest[kind]
@@ -291,10 +344,10 @@ def plot_clearance(clearance: Clearance, path: PathLike | None = None) -> Figure
         shown = np.where(np.isfinite(values), values, np.nan)
         panel.plot(clearance.time, shown, color=palette.color_of(number), lw=1.2, label=kind.value)
         panel.plot([approach.time], [approach.distance], color=palette.color_of(number), marker="o", ms=4, ls="none")
-    over_time(panel, f"{figure_text(clearance.name)}: smallest distances between elements", "distance [m]")
-    panel.axhline(0.0, color=GREY, lw=0.8)
+    run_panels.over_time(panel, f"{figure_text(clearance.name)}: smallest distances between elements", "distance [m]")
+    panel.axhline(0.0, color=figures.GREY, lw=0.8)
     panel.set_xlabel("time [s]", fontsize=9)
-    return saved(figure, path)
+    return figures.saved(figure, path)
 
 
 def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
@@ -303,8 +356,8 @@ def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None
     Raises:
         OptionError: no run, an empty one, one whose law has no V, or a path that cannot be written.
     """
-    all_runs = listed(runs)
-    figure = new_figure(COLUMN * max(len(all_runs), 1.5), 1.2 * ROW)
+    all_runs = run_panels.listed(runs)
+    figure = figures.new_figure(figures.COLUMN * max(len(all_runs), 1.5), 1.2 * figures.ROW)
     panels = np.atleast_1d(np.asarray(figure.subplots(1, len(all_runs)), dtype=object))
     parts = (("lyapunov", 0, "$V$"), ("lyapunov_error", 2, "errors"), ("lyapunov_velocity", 1, "velocities"))
     for run, panel in zip(all_runs, panels, strict=True):
@@ -312,9 +365,9 @@ def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None
             raise OptionError(f"the run of scene '{run.scene.name}' ({run.engine}) had no law with a Lyapunov function")
         for name, color, label in parts:
             panel.plot(run.time, getattr(run, name), color=palette.CYCLE[color], lw=1.2, label=label)
-        over_time(panel, f"{figure_text(run.scene.name)}\n{law_name(run)}", "$V$ and its terms")
+        run_panels.over_time(panel, f"{figure_text(run.scene.name)}\n{run_panels.law_name(run)}", "$V$ and its terms")
         panel.set_xlabel("time [s]", fontsize=9)
-    return saved(figure, path)
+    return figures.saved(figure, path)
 
 
 def landscape(
@@ -341,24 +394,26 @@ def landscape(
     from tensegrity_mj.controllers.landscape import Landscape, angles
 
     shape = law if isinstance(law, Landscape) else Landscape.of(law, rod)
-    all_runs = listed(runs) if isinstance(runs, Trajectory) or len(runs) else []
+    all_runs = run_panels.listed(runs) if isinstance(runs, Trajectory) or len(runs) else []
     ways = [angles(run, rod) for run in all_runs]
     top = max([1.0, *(1.1 * float(np.max(np.abs(way.phi_rate))) for way in ways)])
-    figure = new_figure(6.4, 4.6)
+    figure = figures.new_figure(6.4, 4.6)
     panel = figure.subplots()
     contours_of(panel, shape, top)
     for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
-        label = f"{law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
+        label = (
+            f"{run_panels.law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
+        )
         color = palette.color_of(2 + number)
-        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=line_style(number), color=color, label=label)
+        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=figures.line_style(number), color=color, label=label)
         panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", color=color)
     names = {None: "no projection", "current": r"onto $b^\perp$", "target": r"onto $b_d^\perp$"}
     name = names[shape.onto.value if shape.onto else None]
     gains = (
         rf"$\alpha = {shape.alpha:g}$, $\beta = {shape.beta:g}$, $\gamma = {shape.gamma:g}$, $K = {shape.stiffness:g}$"
     )
-    over_time(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
-    return saved(figure, path)
+    run_panels.over_time(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
+    return figures.saved(figure, path)
 
 
 def contours_of(panel: Any, shape: Landscape, top: float) -> None:
@@ -382,7 +437,7 @@ def _logarithmic(panel: Axes, curves: Sequence[_Curve]) -> None:
     sizes = np.concatenate(found)
     if sizes.size == 0:
         panel.set_yticks([])
-        note(panel, "exactly equal" if curves else "not compared")
+        figures.note(panel, "exactly equal" if curves else "not compared")
         return
     panel.set_yscale("log")
     # A single value near zero, where a difference changes sign, must not squeeze the rest.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.pictures import framing, labels, lit_model, opengl, palette, supports
+from tensegrity_mj.pictures import framing, labels, opengl, palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
-from tensegrity_mj.pictures.motion import Motion, Pose
-from tensegrity_mj.pictures.painter import TRANSLUCENT, Look, Painter, geoms_needed, plate_thickness
+from tensegrity_mj.pictures.motion import Motion, Pose, supported_points
+from tensegrity_mj.pictures.painter import TRANSLUCENT, Look, Painter, geoms_needed, make_model, plate_thickness
 from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
 from tensegrity_mj.pictures.view import Layout, Quality, View
@@ -170,7 +170,7 @@ class Stage(contextlib.ExitStack):
 
     def _legend(self) -> list[str]:
         """Return the words that the footer explains."""
-        held = [h for m in self.motions for _, h in supports.supported_points(m.structure, m.nodes[0])]
+        held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
         slack = any(np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions)
         there = {
             "slack string": slack,
@@ -200,7 +200,7 @@ class Stage(contextlib.ExitStack):
         pixel = 2.0 * nearest * HALF_VIEW / self.view.size[1]
         if self._surface is not None:
             self._surface = self._surface.lined(LINE * pixel, self.framing.camera)
-        model = lit_model.make_model(self._surface, self.framing.terrain, self.framing.cell)
+        model = make_model(self._surface, self.framing.terrain, self.framing.cell)
         port = self._ports[0]
         canvas = opengl.Canvas(model, *self._drawn_size(port))
         self._canvas = self.enter_context(canvas)

@@ -11,13 +11,16 @@ For example:
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import io
 import math
+import mimetypes
 import os
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +29,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.pictures import motion, notebook, opengl, paper
+from tensegrity_mj.pictures import figure, motion, opengl
 from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.view import MIN_SIZE, Layout, Quality, View, ViewOptions
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -92,7 +95,7 @@ def render(
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
     with Stage(films[0], films[-1] if films[1:] else None, layout, shown) as stage, replacing(destination) as part:
         _encode(stage, times, part, fps, progress)
-    return notebook.ShownFile(destination)
+    return ShownFile(destination)
 
 
 def frames(
@@ -190,7 +193,7 @@ def still(
     destination = checked(path, (".png",), "still")
     if not (math.isfinite(dpi) and dpi > 0.0):
         raise OptionError(f"dpi={dpi!r}: it must be a finite number > 0")
-    wide = round(paper.WIDTHS[2] * dpi / 16.0) * 16
+    wide = round(figure.WIDTHS[2] * dpi / 16.0) * 16
     options: ViewOptions = {"size": (wide, wide * 9 // 16), "quality": Quality.BEST, "traces": False}
     options |= {**view, "text": False}
     if "size" not in view and not MIN_SIZE <= options["size"][1] <= options["size"][0] <= opengl.MAX_SIZE:
@@ -213,7 +216,27 @@ def _saved(pixels: Image, destination: Path, **more: Any) -> Path:
 
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True, **more)
-    return notebook.ShownFile(destination)
+    return ShownFile(destination)
+
+
+MOST_EMBEDDED = 30_000_000  # bytes of a file that a notebook gets into itself
+
+if TYPE_CHECKING:
+    _Path = Path
+else:
+    _Path = type(Path())  # before Python 3.12 only the system's own kind can be inherited from
+
+
+class ShownFile(_Path):
+    """The path of a video or a picture, which a notebook shows."""
+
+    def _repr_html_(self) -> str:
+        kind = mimetypes.guess_type(self.name)[0] or ""
+        with contextlib.suppress(OSError):  # it is gone
+            if kind.startswith(("video/", "image/")) and self.stat().st_size <= MOST_EMBEDDED:
+                source = f'src="data:{kind};base64,{base64.b64encode(self.read_bytes()).decode()}"'
+                return f"<video controls loop {source}></video>" if kind.startswith("video/") else f"<img {source}>"
+        return f"<code>{escape(str(self))}</code>"
 
 
 def frame_times(start: float, end: float, fps: float, speed: float) -> NDArray[np.float64]:

@@ -19,9 +19,8 @@ from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.engines.mujoco.mjcf_tree import quaternion
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.lit_model import add_terrain
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Look, Painter, Sizes
+from tensegrity_mj.pictures.painter import Look, Painter, Sizes, add_terrain
 from tensegrity_mj.runs.trajectory import Trajectory
 
 FRAME = 1.0 / 60.0  # s

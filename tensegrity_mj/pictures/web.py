@@ -24,10 +24,10 @@ from tensegrity_mj.basics.arrays import Array, rotation_to
 from tensegrity_mj.errors import printable
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.pictures import painter, palette, supports, surface
+from tensegrity_mj.pictures import painter, palette, surface
 from tensegrity_mj.pictures.camera import clearest
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
-from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.motion import Motion, support_places
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
@@ -129,7 +129,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     tensions, rest = np.split(np.array(among).reshape(-1, len(times)).T, 2, axis=1)
     box = _Box.of(motion, nodes, aims)
     paths = structure.paths
-    held = supports.support_places(structure)
+    held = support_places(structure)
     edges = [body.name for body, frame in zip(structure.bodies, structure.frames, strict=True) for _ in frame.edges]
     sizes = painter.Sizes.of(structure, box.extent)
     scale = palette.TensionScale.of(motion.tensions)

@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.contact import sharing

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 

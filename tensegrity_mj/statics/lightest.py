@@ -27,7 +27,7 @@ from scipy.optimize import lsq_linear
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, positive, real_array, whole
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.rigidity import members_at, nodal_forces
 from tensegrity_mj.model.structure import Structure

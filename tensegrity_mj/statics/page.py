@@ -16,9 +16,9 @@ from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.curves import draw_curves
 from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figure, note
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.run_panels import draw_curves
 from tensegrity_mj.pictures.ticks import prefix_ticks
 from tensegrity_mj.statics.findings import judgement, reactions
 from tensegrity_mj.statics.modes import Modes

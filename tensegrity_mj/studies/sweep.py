@@ -20,8 +20,7 @@ from tensegrity_mj.controllers.specs import own_of, spec_of
 from tensegrity_mj.controllers.table import LAWS, built_in
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.library.load import load_scene
-from tensegrity_mj.library.named import is_family_call
+from tensegrity_mj.library.named import is_family_call, load_scene
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml

@@ -12,10 +12,10 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from functools import partial
 from typing import Any
 
+from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.basics.dependencies import of_extra
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, text, whole
-from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.specs import is_here
 from tensegrity_mj.errors import OptionError, TensegrityError

@@ -20,8 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.model.elements.contact import Contact, impedance
 from tensegrity_mj.vibration.integrators import polynomial
 from tensegrity_mj.vibration.stepping import Scheme

@@ -34,8 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.vibration.bounds import Bounds
 from tensegrity_mj.vibration.small_motions import Vibration
 from tensegrity_mj.vibration.stepping import Scheme

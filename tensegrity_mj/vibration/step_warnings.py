@@ -6,8 +6,8 @@ import copy
 import dataclasses
 from typing import Any
 
+from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.basics.remembered import Remembered
-from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import SceneError, StabilityWarning

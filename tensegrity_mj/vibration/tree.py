@@ -26,8 +26,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.rods import centers_and_moments, own_masses
 from tensegrity_mj.vibration.bodies import SLOTS, motion_of_bodies

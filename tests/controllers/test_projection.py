@@ -14,9 +14,8 @@ from random_laws import random_law as random_lyapunov
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import LAWS, Gains, Onto, Projection, from_scene
-from tensegrity_mj.controllers.allocation import least_norm
+from tensegrity_mj.controllers.allocation import StringLimits, least_norm
 from tensegrity_mj.controllers.landscape import Landscape, angles
-from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.records import StructureRecords

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pulley_scenes import G, ringed, threaded
 
 import tensegrity_mj as tmj
+from tensegrity_mj.controllers.allocation import StringLimits
 from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization
-from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.lyapunov import Lyapunov
 from tensegrity_mj.controllers.projection import Projection
 

@@ -11,8 +11,7 @@ from hanging_chain import HangingChain
 from natural_coordinates import chain, random_class_k, request
 
 import tensegrity_mj as tmj
-from tensegrity_mj.dynamics.closures import project_linked
-from tensegrity_mj.dynamics.joint_plan import plan_joints
+from tensegrity_mj.dynamics.joint_forces import plan_joints, project_linked
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver
 from tensegrity_mj.library.random_structures import random_structure

@@ -16,8 +16,15 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, acceleration_of, moved_nodes_power, push_joint, set_ends
-from tensegrity_mj.dynamics.joint_plan import Joints, plan_joints
+from tensegrity_mj.dynamics.joint_forces import (
+    LEAST_PIVOT,
+    Joints,
+    acceleration_of,
+    moved_nodes_power,
+    plan_joints,
+    push_joint,
+    set_ends,
+)
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, stretch_term
 from tensegrity_mj.dynamics.linked import Linked, LinkedRecords, end_maps, loop_matrix
 from tensegrity_mj.dynamics.native.compiling import c_function

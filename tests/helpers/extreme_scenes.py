@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

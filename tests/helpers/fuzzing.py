@@ -92,7 +92,7 @@ def check_run(rng: random.Random, scene: Any) -> None:
 
 
 def try_scene(rng: random.Random, folder: Path, content: bytes) -> str:
-    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.library.named import load_scene
 
     path = folder / "hostile.toml"
     path.write_bytes(content)

@@ -9,7 +9,7 @@ from tensegrity_mj.commands.common import Outcome, number, table
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Add the masses up."""
-    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.library.named import load_scene
 
     structure = load_scene(options.scene).structure
     parts = {"rods": structure.rods, "point-masses": structure.point_masses}

@@ -233,7 +233,7 @@ def test_the_core_requires_fifteen_packages_at_most() -> None:
 def test_without_the_package_of_an_extra_its_part_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("joblib", "rainflow", "daqp", "yaml"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "tensegrity_mj.exchange.ntrt_yaml", raising=False)
+    monkeypatch.delitem(sys.modules, "tensegrity_mj.exchange.ntrt", raising=False)
     monkeypatch.delitem(sys.modules, "tensegrity_mj.exchange.ntrt", raising=False)
     with pytest.warns(RuntimeWarning, match=r"one at a time: joblib cannot be imported.*pip install .?joblib"):
         study = tmj.studies.run_many(study_tasks.noted, [{"x": 3.0}], None, workers=tmj.studies.Workers(2))

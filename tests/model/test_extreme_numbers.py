@@ -13,12 +13,12 @@ from extreme_scenes import extreme
 
 from tensegrity_mj import DAE, ODE, Actuation, Integrator, MuJoCo, controllers, simulate, stable_step
 from tensegrity_mj.basics import kinds
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import bisect
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.reference.adaptive import SWITCH_TOLERANCE
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import DivergenceError, OptionError, SceneError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.simulation import Engine
 from tensegrity_mj.vibration import step_warnings
 from tensegrity_mj.vibration.step_warnings import before_run

@@ -106,13 +106,13 @@ def test_cases_come_from_their_numbers_alone() -> None:
 def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Each check fails on what it is there for."""
     from tensegrity_mj.errors import FormatError
-    from tensegrity_mj.library import load
+    from tensegrity_mj.library import named
 
     fuzz_cases.base_run(tmp_path)  # with the functions as they are
 
     def answer(work: object) -> tuple[str, str]:
         with monkeypatch.context() as patch:
-            patch.setattr(load, "load_scene", work)
+            patch.setattr(named, "load_scene", work)
             return fuzzing.attempt(0, tmp_path)
 
     def crashes(path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.signal import lsim
 
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import FormatError, OptionError, SceneError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model import Ground, load_ground
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml

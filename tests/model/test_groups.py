@@ -11,7 +11,7 @@ from tensegrity_mj.model.members import Section, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml, structure_to_toml
-from tensegrity_mj.pictures.curves import rod_groups, string_groups
+from tensegrity_mj.pictures.run_panels import rod_groups, string_groups
 from tensegrity_mj.studies.scene_parameters import changed_scene
 
 GOOD = """\

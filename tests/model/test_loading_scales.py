@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.elements import contact
 from tensegrity_mj.model.elements.contact import Contact, overlaps, rod_gaps, segment_distances, touching_boxes
 from tensegrity_mj.model.events import Break

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tensegrity_mj.basics.fields import item_of, registered
 from tensegrity_mj.errors import FormatError, SceneError, StructureError, TensegrityError
-from tensegrity_mj.library.load import load_scene, load_structure
+from tensegrity_mj.library.named import load_scene, load_structure
 from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.terrain import Terrain

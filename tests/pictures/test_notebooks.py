@@ -13,8 +13,8 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import MissingLibraryError
-from tensegrity_mj.pictures import notebook, opengl, plots
-from tensegrity_mj.pictures.notebook import ShownFile
+from tensegrity_mj.pictures import opengl, plots, video
+from tensegrity_mj.pictures.video import ShownFile
 
 
 def test_a_run_is_five_lines(prism_run: tmj.Trajectory) -> None:
@@ -89,7 +89,7 @@ def test_the_file_of_a_picture_is_a_path_that_shows_it(tmp_path: Path, monkeypat
     shown = re.fullmatch('<img src="data:image/png;base64,([^"]+)">', path._repr_html_())
     assert shown is not None
     assert base64.b64decode(shown[1]) == path.read_bytes()
-    monkeypatch.setattr(notebook, "MOST_EMBEDDED", 10)
+    monkeypatch.setattr(video, "MOST_EMBEDDED", 10)
     assert path._repr_html_() == f"<code>{path}</code>"
 
 

@@ -19,7 +19,6 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.curves import draw_curves, string_groups
 from tensegrity_mj.pictures.figure import MAX_LEGEND, frame, new_figure
 from tensegrity_mj.pictures.plots import (
     paper,
@@ -31,6 +30,7 @@ from tensegrity_mj.pictures.plots import (
     plot_run,
     save_figure,
 )
+from tensegrity_mj.pictures.run_panels import draw_curves, string_groups
 from tensegrity_mj.runs.comparison import compare
 
 

@@ -22,14 +22,11 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.pictures import opengl, palette
-from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, clearest, corners_of, fit
-from tensegrity_mj.pictures.camera_path import NEAREST
+from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, NEAREST, Camera, clearest, corners_of, fit
 from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels
-from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Painter, geoms_needed
-from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.painter import Painter, geoms_needed, make_model, slack_arcs
 from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.shrink import behind, shrink
 from tensegrity_mj.pictures.stage import Stage

@@ -17,8 +17,8 @@ from tensegrity_mj.model.elements.waves import Sea, Wave
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside
-from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.painter import make_model
 from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.surface import MOST_POINTS, Surface
 from tensegrity_mj.pictures.video import frames, render_frame

@@ -19,7 +19,7 @@ from analytic_runs import cone_motion, cone_run, cone_scene, two_masses
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import MissingPackageError, OptionError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.elements.terrain import Stairs
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Rod

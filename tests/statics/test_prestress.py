@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import InfeasibleError, OptionError, StructureError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.library.random_structures import (
     random_configuration,
     random_rotation,

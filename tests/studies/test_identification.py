@@ -21,7 +21,7 @@ from scipy import stats
 from tqdm import tqdm
 
 import tensegrity_mj as tmj
-from tensegrity_mj.basics.warned import warn_caller
+from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import IdentificationWarning, OptionError
 from tensegrity_mj.runs import Table

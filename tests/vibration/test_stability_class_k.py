@@ -29,7 +29,7 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.errors import StabilityWarning, StructureError
 from tensegrity_mj.library.cable import Excitation, cable
-from tensegrity_mj.library.random_linked import random_linked_structure
+from tensegrity_mj.library.random_structures import random_linked_structure
 from tensegrity_mj.model import Motion
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.forest import spanning_forest

@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import check_known, instance, real_array, shape_of
+from tensegrity_mj.basics.checks import check_known, instance, real_array, shape_of, warn_caller
 from tensegrity_mj.basics.texts import value_text
-from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.controllers.scenes import law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, Report
 from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress

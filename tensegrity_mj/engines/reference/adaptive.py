@@ -10,8 +10,7 @@ import numpy as np
 from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj.basics import interrupts
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report

@@ -15,7 +15,7 @@ from typing import TypeAlias
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.dynamics.assembly import AssemblyRecords, needs_assembly, note_redundancy
-from tensegrity_mj.dynamics.joint_plan import plan_joints
+from tensegrity_mj.dynamics.joint_forces import plan_joints
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.views import Fields

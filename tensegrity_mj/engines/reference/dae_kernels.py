@@ -10,8 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.assembly_equations import assembled_accelerations, place_assembly, project_assembly
-from tensegrity_mj.dynamics.closures import largest_gap, project_linked
-from tensegrity_mj.dynamics.joint_forces import joint_accelerations
+from tensegrity_mj.dynamics.joint_forces import joint_accelerations, largest_gap, project_linked
 from tensegrity_mj.dynamics.kernels import accelerations, normalize, place_nodes
 from tensegrity_mj.dynamics.linked import place_linked
 from tensegrity_mj.dynamics.native.compiling import c_function

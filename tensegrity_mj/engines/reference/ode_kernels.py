@@ -11,14 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerations, place_minimal
+from tensegrity_mj.dynamics.minimal import (
+    minimal_accelerations,
+    node_accelerations,
+    place_minimal,
+    wet_minimal_accelerations,
+)
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED
 from tensegrity_mj.dynamics.native.vectors import add, plus, put, row_of, times
 from tensegrity_mj.dynamics.native.views import changing_view, fields_of
-from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
 from tensegrity_mj.engines.reference.equations import OUTSIDE, RODS, SINGULAR, halves
 
 MINIMAL = fields_of(

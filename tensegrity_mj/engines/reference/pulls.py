@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.plant_view import PlantView

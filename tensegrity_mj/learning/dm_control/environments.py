@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.errors import OptionError

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array, unit
-from tensegrity_mj.basics.bisection import bisect
+from tensegrity_mj.basics.arrays import Array, bisect, unit
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import direction, each, flag, many, number, pair, part, within
 from tensegrity_mj.basics.texts import unknown

@@ -14,9 +14,9 @@ import numpy as np
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.progress import bar
-from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.studies.identification.measurements import Observation

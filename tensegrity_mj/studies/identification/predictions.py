@@ -12,7 +12,7 @@ import numpy as np
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.warned import warn_caller
+from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, IdentificationWarning, OptionError
 from tensegrity_mj.model.actuation import Actuation

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.checks import member, whole
-from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.engines.names import NAMES, TITLES, engine_of, simulates

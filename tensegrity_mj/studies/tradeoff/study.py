@@ -14,7 +14,7 @@ from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.scenes import SCENE_LAW
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml

@@ -15,7 +15,7 @@ from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, named_in
 from tensegrity_mj.engines.requirements import engines_for, only_one
 from tensegrity_mj.engines.table import ENGINES, installed
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
