@@ -23,7 +23,7 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.mujoco.clock import profiler_off
+from tensegrity_mj.engines.mujoco.install import profiler_off
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reference.method import Method

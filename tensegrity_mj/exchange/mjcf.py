@@ -25,7 +25,7 @@ from tensegrity_mj.model.members import Rod, RodMass, String, Support, null_spac
 from tensegrity_mj.model.rods import centers_and_moments
 from tensegrity_mj.model.strings import StringLaw
 
-DRIVEN = 1e6  # a slide whose armature is this many times all masses is driven, not free: see engines/mujoco/mjcf_bodies
+DRIVEN = 1e6  # a slide whose armature is this many times all masses is driven, not free: see engines/mujoco/mjcf
 ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
 FREE, BALL, SLIDE, HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{one}")) for one in ("FREE", "BALL", "SLIDE", "HINGE"))
 

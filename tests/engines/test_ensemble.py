@@ -17,7 +17,7 @@ from tensegrity_mj.controllers import Delayed, Lyapunov
 from tensegrity_mj.dynamics.native import pointers
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.engines.mujoco import layout as mujoco_layout
+from tensegrity_mj.engines.mujoco import many as mujoco_layout
 from tensegrity_mj.engines.mujoco import many as mujoco_many
 from tensegrity_mj.engines.mujoco import run_view
 from tensegrity_mj.engines.mujoco.install import installed

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco import clock as mujoco_clock
-from tensegrity_mj.engines.mujoco.clock import profiler_off
+from tensegrity_mj.engines.mujoco import install as mujoco_clock
+from tensegrity_mj.engines.mujoco.install import profiler_off
 
 STEP = int(mujoco.mjtTimer.mjTIMER_STEP)
 

@@ -14,8 +14,7 @@ from linked_scenes import everything_moves
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.mujoco.located import LocatedRun
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import STAGE, STEP
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.library.random_structures import random_scene, random_structure

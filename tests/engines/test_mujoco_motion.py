@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.engine import node_accelerations
-from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE
+from tensegrity_mj.engines.mujoco.mjcf import DRIVE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import moved_directions
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.request import request_for

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco import prepared
 from tensegrity_mj.engines.mujoco import prepared as mujoco_prepared
-from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
-from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree
+from tensegrity_mj.engines.mujoco.mjcf_tree import Names, body_tree, save_mjcf, scene_to_mjcf
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 
@@ -220,8 +218,7 @@ def test_what_a_compiler_moves_is_refused_by_name(kind: str, monkeypatch: pytest
     """The check itself: without the turns, MuJoCo puts node o onto the origin, and a center of mass onto its body."""
     scene = near_frames()
     monkeypatch.setattr(prepared, "_layouts", {})  # others have compiled it
-    for module in ("mjcf_bodies", "mjcf"):
-        monkeypatch.setattr(f"tensegrity_mj.engines.mujoco.{module}.must_turn", lambda *_: False)
+    monkeypatch.setattr("tensegrity_mj.engines.mujoco.mjcf.must_turn", lambda *_: False)
     if kind == "body":  # of centers of mass alone
         monkeypatch.setattr(mujoco_prepared, "_compare", _without_nodes(mujoco_prepared._compare))
     complaint = (

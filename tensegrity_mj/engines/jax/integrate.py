@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import Any, NamedTuple
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.engines.driving import Grid
 from tensegrity_mj.engines.jax.model import Held, Model, Observed, Prepared, State
+from tensegrity_mj.engines.jax.settings import JAX, Derivatives
 
 TO_THE_END, GAVE_UP, UNDEFINED = range(3)  # how a piece ended: UNDEFINED where rates are not finite
 SHORTEST = 1e-30  # s, far below round-off of times: to such steps Dopri8 comes where it can go no further
@@ -109,26 +111,16 @@ class FixedSteps:
         return Advanced(last[0], last[1], observed, rows * stride, TO_THE_END)
 
 
-class Tolerances(NamedTuple):
-    """Tolerances of Dopri8: relative and absolute, most steps, longest step [s] or None, and diffrax' adjoint."""
-
-    rtol: float
-    atol: float
-    most: int
-    longest: float | None
-    adjoint: Any
-
-
 class ControlledSteps:
     """Steps of Dopri8 from `begin` on, recorded at times (T,), anew where strings break, at times (M,), ∞ for never."""
 
     stages, stride = 13, 1  # steps a row, as far as they are known
 
-    def __init__(self, begin: float, times: Array, breaks: Array, tolerances: Tolerances) -> None:
+    def __init__(self, begin: float, times: Array, breaks: Array, engine: JAX) -> None:
         near = times[np.argmin(np.abs(times - breaks[:, None]), axis=1)]
         # The very float of a recorded time where they coincide, so that no sliver of a step lies between.
         self.breaks = np.where(np.abs(near - breaks) <= 1e-12 * near, near, breaks)
-        self.begin, self.times, self.tolerances = begin, times, tolerances
+        self.begin, self.times, self.engine = begin, times, engine
 
     def pieces(self, split: Split) -> Iterator[Piece]:
         """Yield pieces of as many of the times as `split` says; where strings break, a new one begins."""
@@ -157,9 +149,7 @@ class ControlledSteps:
         self, kind: tuple[int, ...], model: Model, at: Prepared, state: State, held: Held, given: Any
     ) -> Advanced:
         """Integrate from the first of the times to the others; strings that break there lose their energy before."""
-        import diffrax
-
-        (times, before, whole), own = given, self.tolerances
+        (times, before, whole), own = given, self.engine
 
         def rates(t: Any, y: State, given: tuple[Prepared, Held, Any]) -> State:
             at, held, whole = given
@@ -169,9 +159,9 @@ class ControlledSteps:
             return model.evaluate(at, *moment, held, whole)[1]
 
         state = model.lose(at, times[0], state, held, before, whole)
-        controller = diffrax.PIDController(
-            rtol=own.rtol, atol=own.atol, dtmin=SHORTEST, dtmax=own.longest, force_dtmin=False
-        )
+        longest = 0.25 * own.spread or None
+        controller = diffrax.PIDController(own.rtol, own.atol, dtmin=SHORTEST, dtmax=longest, force_dtmin=False)
+        forward = own.derivatives is Derivatives.FORWARD
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rates),
             diffrax.Dopri8(),
@@ -182,8 +172,8 @@ class ControlledSteps:
             args=(at, held, whole),
             saveat=diffrax.SaveAt(ts=times[1:]),
             stepsize_controller=controller,
-            max_steps=own.most,
-            adjoint=own.adjoint,
+            max_steps=own.max_steps,
+            adjoint=diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint(),
             throw=False,
         )
         results, result = diffrax.RESULTS, solution.result

@@ -25,7 +25,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Report, check_made_for
 from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, derivatives, mapped, norm
-from tensegrity_mj.engines.jax.belief import Belief, ceilings
+from tensegrity_mj.engines.jax.nominal_model import NominalModel, ceilings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -37,7 +37,7 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
     """The array function of `controllers.FeedbackLinearization`, for a plant of its nodes and strings.
 
     Its parameters are `natural_frequency`, `damping`, `weight` and `minimum_force_density` as numbers or arrays,
-    `sums` (L,), and those of its `Belief`.
+    `sums` (L,), and those of its `NominalModel`.
 
     Raises:
         OptionError: for a full weight H, a linear objective, what is done where there is no solution but to stop, and
@@ -55,8 +55,8 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
             f"on_infeasible = {allocation.on_infeasible}: in the differentiable engine a law stops where it has no "
             "solution (WhenInfeasible.STOP): there are no derivatives beyond"
         )
-    belief = Belief(law)
-    coordinates = Coordinates(law.structure, belief.sizes)
+    nominal = NominalModel(law)
+    coordinates = Coordinates(law.structure, nominal.sizes)
     limits, rows, M = allocator.limits, allocator.sum_rows, len(structure.strings)
     parameters = {
         "natural_frequency": np.array(law.natural_frequency, float),
@@ -64,21 +64,21 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
         "weight": np.array(allocation.weight, float),
         "minimum_force_density": np.array(allocation.minimum_force_density, float),
         "sums": np.array(allocator.sum_values),
-        **belief.parameters,
+        **nominal.parameters,
     }
 
     def q_of(places: Any) -> Any:
         return coordinates(places)[0]
 
     def command(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        t, places, rates = jnp.asarray(t, float), belief.places(x), belief.places(v)
-        (q, sine), (q_d, sine_d) = coordinates(places), coordinates(belief.aim(p["target"], t))
+        t, places, rates = jnp.asarray(t, float), nominal.places(x), nominal.places(v)
+        (q, sine), (q_d, sine_d) = coordinates(places), coordinates(nominal.aim(p["target"], t))
         _, q_rate, curved = derivatives(lambda s: q_of(places + s * rates), 0.0)
-        _, rate_d, acceleration_d = derivatives(lambda t: q_of(belief.aim(p["target"], t)), t)
+        _, rate_d, acceleration_d = derivatives(lambda t: q_of(nominal.aim(p["target"], t)), t)
         e = q - q_d
         e = jnp.where(coordinates.turns, e - 2 * jnp.pi * jnp.round(jax.lax.stop_gradient(e) / (2 * jnp.pi)), e)
         omega = p["natural_frequency"]
-        lengths, along = belief.motion(p, t, x, v)
+        lengths, along = nominal.motion(p, t, x, v)
         drift, A = jax.vmap(along)(jax.jacrev(q_of)(places))
         d = acceleration_d - 2 * p["damping"] * omega * (q_rate - rate_d) - omega**2 * e - curved - drift
         d = jnp.where(jnp.abs(d) <= ROUND_OFF * omega**2 * (jnp.abs(q) + jnp.abs(q_d)), 0.0, d)
@@ -93,7 +93,7 @@ def linearizing_law(law: Any, structure: Structure) -> ArrayLaw:
 
 
 class Coordinates:
-    """Coordinates q of §2.3 of places (P + R, 3), see `Belief`: every rod's z and angles, then every point mass' z.
+    """Coordinates q of §2.3 of places (P + R, 3), see `NominalModel`: each rod's z and angles, then each point mass' z.
 
     Attributes:
         turns: (n,), which of them go round.

@@ -23,7 +23,7 @@ from tensegrity_mj.controllers.scenes import law_for
 from tensegrity_mj.dynamics.native.law import NativeLaw, Report
 from tensegrity_mj.engines.driving import Grid, Stopwatch, output_times, progress
 from tensegrity_mj.engines.jax.effects import array_effects
-from tensegrity_mj.engines.jax.integrate import TO_THE_END, UNDEFINED, ControlledSteps, FixedSteps, Tolerances
+from tensegrity_mj.engines.jax.integrate import TO_THE_END, UNDEFINED, ControlledSteps, FixedSteps
 from tensegrity_mj.engines.jax.laws import array_law
 from tensegrity_mj.engines.jax.model import (
     EXTERNAL,
@@ -38,7 +38,7 @@ from tensegrity_mj.engines.jax.model import (
     Prepared,
     State,
 )
-from tensegrity_mj.engines.jax.settings import JAX, Derivatives, Method
+from tensegrity_mj.engines.jax.settings import JAX, Method
 from tensegrity_mj.engines.recording import Account, make_trajectory
 from tensegrity_mj.engines.request import Request, request_for, settled
 from tensegrity_mj.engines.requirements import require
@@ -157,7 +157,7 @@ class Program:
             )
         else:
             times = output_times(request) if times is None else times
-            self.steps = ControlledSteps(request.begin, times, scene.break_times, tolerances_of(engine))
+            self.steps = ControlledSteps(request.begin, times, scene.break_times, engine)
         self.times = self.steps.times
         self.kinds: dict[tuple[int, ...], Callable[..., Any]] = {}
         self._compiling = threading.Lock()
@@ -287,13 +287,6 @@ def program_of(
             DerivativeWarning,
         )
     return Program(engine, request, found)
-
-
-def tolerances_of(engine: JAX) -> Tolerances:
-    """Tolerances and step limit for DOPRI8."""
-    forward = engine.derivatives is Derivatives.FORWARD
-    adjoint = diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint()
-    return Tolerances(engine.rtol, engine.atol, engine.max_steps, 0.25 * engine.spread or None, adjoint)
 
 
 def _instants(engine: JAX, times: ArrayLike, duration: float | None, interval: float | None, begin: float) -> Array:

@@ -23,7 +23,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import check_made_for
 from tensegrity_mj.engines.jax.arrays import ArrayLaw, Arrays, derivatives, lifted, settled
-from tensegrity_mj.engines.jax.belief import Belief, ceilings
+from tensegrity_mj.engines.jax.nominal_model import NominalModel, ceilings
 from tensegrity_mj.model.structure import Structure
 
 
@@ -31,8 +31,8 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
     """The array function of a law of `controllers.quadratic_law`, for a plant of its nodes and strings.
 
     Its parameters are `decay_rate`, the gains `translation` and `rotation` with X, Y and Z, of the law of chapter 6
-    `stiffness`, `minimum_force_density` (M,) where there are thresholds or ceilings, and those of its `Belief`. A gain
-    is one number where it is the same for all and in all directions, (R,) where it is in all directions; else
+    `stiffness`, `minimum_force_density` (M,) where there are thresholds or ceilings, and those of its `NominalModel`. A
+    gain is one number where it is the same for all and in all directions, (R,) where it is in all directions; else
     (R, 3, 3).
 
     Raises:
@@ -40,10 +40,10 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
         ElementError: where it accounts for an element that has no array function.
     """
     check_made_for(law.structure, structure)
-    belief = Belief(law)
-    P, R = len(belief.sizes), len(structure.rods)
+    nominal = NominalModel(law)
+    P, R = len(nominal.sizes), len(structure.rods)
     onto = None if law.projected_onto is None else law.projected_onto.value
-    z_gains = {name: _gain(law.gains[f"{name}z"], belief.sizes) for name in "XYZ"}
+    z_gains = {name: _gain(law.gains[f"{name}z"], nominal.sizes) for name in "XYZ"}
     b_gains = {name: _gain(law.gains[f"{name}b"][:R], np.full(R, 3)) for name in "XYZK"}
     limits = law.limits
     capped = np.isfinite(limits.max_force_density) | np.isfinite(limits.min_rest_length)
@@ -52,7 +52,7 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
         "decay_rate": float(law.decay_rate),
         "translation": z_gains,
         "rotation": {name: b_gains[name] for name in "XYZ"},
-        **belief.parameters,
+        **nominal.parameters,
     }
     if onto is not None:
         parameters["stiffness"] = b_gains["K"]
@@ -77,13 +77,13 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
         return error + velocity, (error, velocity)
 
     def command(p: Arrays, t: Any, x: Any, v: Any) -> tuple[Any, Any]:
-        q, rates = belief.places(x), belief.places(v)
+        q, rates = nominal.places(x), nominal.places(v)
         aim, aim_rates, changes = (
-            jnp.broadcast_to(lifted(one, q), q.shape) for one in derivatives(lambda t: belief.aim(p["target"], t), t)
+            jnp.broadcast_to(lifted(one, q), q.shape) for one in derivatives(lambda t: nominal.aim(p["target"], t), t)
         )
         V, back, (error, velocity) = jax.vjp(lambda *at: value(p, *at), q, rates, aim, aim_rates, has_aux=True)
         by_q, by_rates, *by_aims = back(jnp.ones_like(V))
-        lengths, along = belief.motion(p, t, x, v)
+        lengths, along = nominal.motion(p, t, x, v)
         drift, work = along(by_rates)
         pairs = ((by_q, rates), *zip(by_aims, (aim_rates, changes), strict=True))
         beta = drift + sum(jnp.sum(slope * change, axis=(0, 1)) for slope, change in pairs)

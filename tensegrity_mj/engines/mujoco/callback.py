@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
 from tensegrity_mj.dynamics.native.curves import yield_strings
-from tensegrity_mj.dynamics.native.elements import clear, held_powers, set_motions
+from tensegrity_mj.dynamics.native.elements import clear, held_powers, let_act, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
@@ -23,13 +23,14 @@ from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_star
 from tensegrity_mj.dynamics.native.strings import is_taut, measure_segments, rest_moves, tighten_strings
 from tensegrity_mj.dynamics.native.vectors import cross, minus, put, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.mujoco.answers import add_answers
 from tensegrity_mj.engines.mujoco.contact import spin_energy, write_state
-from tensegrity_mj.engines.mujoco.element_states import act_at_stage
+from tensegrity_mj.engines.mujoco.implicit_forces import add_implicit_forces
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
-from tensegrity_mj.engines.mujoco.motion import carried, count_constraints, drive, keep_rates, support_power
+from tensegrity_mj.engines.mujoco.motion import carried, count_constraints, drive, note_rates, support_power
 from tensegrity_mj.engines.mujoco.run_view import FINISHED, LOST, LOST_CONTROL, RUNNING, Counters, RunView
 from tensegrity_mj.runs.energy import BEYOND
+
+SEEN, RATES, WHOLE, SUM = range(4)  # rows of the states of elements: see `plant_view`
 
 
 class Moment(NamedTuple):
@@ -98,8 +99,8 @@ def _stage(table: int, now: Moment) -> int:
     answer, stored, lost = _set_strings(table, now)
     if answer <= NO_SOLUTION and sampled <= NO_SOLUTION and not set_controls(table):
         return LOST_CONTROL
-    if run.answering != 0:
-        given += add_answers(table, 0.0 if now.stage > 0 else now.h if now.begins and run.resets else -1.0)
+    if run.implicit != 0:
+        given += add_implicit_forces(table, 0.0 if now.stage > 0 else now.h if now.begins and run.resets else -1.0)
         apply_loads(table)
     given += _support_power(table, now)
     lost += (0.5 if now.one_stage else 1.0) * spent
@@ -218,16 +219,39 @@ def _support_power(table: int, now: Moment) -> float:
 def _let_elements_act(table: int, now: Moment) -> tuple[float, float]:
     """Forces of elements on the bodies; the powers that are given and lost [W]."""
     run = RunView(table)
-    if run.element_count == 0 and run.answering == 0:
+    if run.element_count == 0 and run.implicit == 0:
         return 0.0, 0.0
     if now.one_stage and now.step > 0:
         # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
         given, spent = held_powers(table)
         run.work[1] += 0.5 * now.h * spent
         run.work[2] += 0.5 * now.h * given
-    given, spent = act_at_stage(table, now.time, now.stage, run.stages, now.h)
+    given, spent = _act_at_stage(table, now.time, now.stage, run.stages, now.h)
     apply_loads(table)
     return given, spent
+
+
+@borrowing
+def _act_at_stage(table: int, t: float, stage: int, stages: int, h: float) -> Any:
+    """`let_act` at a stage of a step of h [s], with the elements' states of the stage.
+
+    They are integrated with the weights of MuJoCo's integrator, and become those of a whole step with its last stage.
+    Where trial steps are taken back (`LocatedRun`), so are they.
+    """
+    run = RunView(table)
+    S, states = run.element_state_count, run.element_states
+    if S == 0:
+        return let_act(table, t)
+    ahead = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
+    for k in range(S):
+        states[SEEN, k] = states[WHOLE, k] + ahead * states[RATES, k]
+    powers = let_act(table, t)
+    weight = 1.0 if stage == 0 or stage == 3 else 2.0
+    for k in range(S):
+        states[SUM, k] = weight * states[RATES, k] + (0.0 if stage == 0 else states[SUM, k])
+        if stage == stages - 1:
+            states[WHOLE, k] += h * states[SUM, k] / (1.0 if stages == 1 else 6.0)
+    return powers
 
 
 @borrowing
@@ -354,10 +378,10 @@ def _record(table: int) -> None:
         at = run.row_width + 3 * run.rod_count
         copy(run.qpos, row[at:])
         copy(run.qvel, row[at + run.nq :])
-        if run.answering != 0:
+        if run.implicit != 0:
             copy(floats(address(run.held_mass), 3 * run.node_count), row[at + run.nq + run.nv :])
-    if run.answering != 0:
-        forces = floats(run.answer_room, run.constraint_count)
+    if run.implicit != 0:
+        forces = floats(run.implicit_room, run.constraint_count)
         copy(forces, row[len(row) - len(forces) :])
     write_row(table, work[0], work[1], external_work, row)
     counters.waiting = counters.next_row
@@ -374,4 +398,4 @@ def _count(table: int, now: Moment, stored: float, lost: float, given: float) ->
     work[2] += (0.5 * now.weight if now.one_stage else now.weight) * given
     powers[0], powers[1], powers[2] = stored, lost, given
     if run.constrained:
-        keep_rates(run)
+        note_rates(run)

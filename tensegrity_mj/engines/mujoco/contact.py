@@ -82,7 +82,7 @@ class Contacts:
         self._bodies = bodies_of(structure.rods, model)
         free = [row for row, rod in enumerate(structure.rods) if rod.support.plane is None]
         spinning = np.column_stack([self._bodies, structure.rod_nodes])[free]
-        run.set(touches=1, kept_rates=np.zeros(model.nv), spinning=spinning)
+        run.set(touches=1, stage_rates=np.zeros(model.nv), spinning=spinning)
         run.set(spin_inertia=model.body_inertia[self._bodies[free], 2])
         self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 

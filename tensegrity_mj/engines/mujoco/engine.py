@@ -14,10 +14,9 @@ from tensegrity_mj.engines.accuracy.ladder import Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco import install, joints, run_view
-from tensegrity_mj.engines.mujoco.located import LocatedRun
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
 from tensegrity_mj.engines.mujoco.prepared import give_back, prepared
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import InfeasibleError

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many, mjcf_tree, run_view
-from tensegrity_mj.engines.mujoco.answers import set_answering
+from tensegrity_mj.engines.mujoco.implicit_forces import set_implicit_forces
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.motion import set_supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with, within
@@ -69,7 +69,7 @@ class MuJoCoEnsemble:
         self.running = np.ones(count, np.int64)
         self.guide = many.Guide(self.model)
         self.guide.set(token=TOKEN, runs=self.tables, running=self.running)
-        self.guide.keep(self.copies)
+        self.guide.set_copies(self.copies)
 
     def prepare(self, scene: Scene) -> Prepared:
         """A scene with a model of its own.
@@ -216,9 +216,9 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     plant.set(designed=np.array(scene.structure.rest_lengths), force_range=np.zeros((plant["string_count"], 2)))
     if scene.motions:
         set_supports(scene, ready.tree, model, plant)
-    answer_size = set_answering(scene, ready.tree, model, plant)
+    implicit_size = set_implicit_forces(scene, ready.tree, model, plant)
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
     guide.set(law_table=plant.address, lent=lent, answers=answers)
-    guide.set(answer_size=answer_size, room=many.law_room(plant, answer_size))
+    guide.set(implicit_size=implicit_size, room=many.law_room(plant, implicit_size))
     with installed(guide, many.law_alone, lasting=True):
         yield answers

@@ -1,28 +1,35 @@
 """The process-wide control callback of MuJoCo: who has it, and putting it in and out.
 
 One run at a time has it. Runs of other threads wait for their turn, which changes no bit of them.
+
+Meanwhile MuJoCo's profiler is off, which reads the clock for `mjData.timer`: that takes 2 to 35 % of a step. The
+function that it calls for the time is process-wide; without one it reads no clock. Python's `set_mjcb_time(None)` puts
+the default clock back instead of taking it out, so the C variable itself is set.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any
+
+import mujoco
 
 from tensegrity_mj.dynamics.native.compiling import CFunction, c_function
 from tensegrity_mj.dynamics.native.pointers import own_integer
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.callback import control_stage, finish_row
-from tensegrity_mj.engines.mujoco.clock import profiler_off
 from tensegrity_mj.engines.mujoco.run_view import RunView
 from tensegrity_mj.errors import OptionError
 
 ACTIVE = "tensegrity_mj_active"  # variable of each callback: address of the running plant's table, 0 for none
 CALLBACK = "void(int64, int64)"  # of an mjModel and an mjData
 active_table = own_integer(ACTIVE)
+LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 
 
 _free = threading.Condition()
@@ -56,8 +63,6 @@ _OWN: list[Any] = []  # callbacks of this package's
 
 def refuse_other_callbacks() -> None:
     """Raise OptionError where a control callback that is not of this package is installed."""
-    import mujoco
-
     other = mujoco.get_mjcb_control()
     if other is not None and not _holders and not any(other is own for own in _OWN):
         raise OptionError(
@@ -66,7 +71,7 @@ def refuse_other_callbacks() -> None:
         )
 
 
-@contextmanager
+@contextlib.contextmanager
 def _turn(lasting: bool) -> Iterator[None]:
     """Wait until no other thread has the callback, and hold it."""
     mine = (threading.get_ident(), lasting)
@@ -90,19 +95,16 @@ def _turn(lasting: bool) -> Iterator[None]:
                 _free.notify_all()
 
 
-@contextmanager
+@contextlib.contextmanager
 def installed(table: Table, callback: CFunction = single_run, lasting: bool = False) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
-    Meanwhile MuJoCo's profiler is off.
     They are kept from MuJoCo's own handler, which would write a log file into the current folder. A run of another
     thread is waited for; `lasting` is for one that ends when its caller wants, for which nobody waits.
 
     Raises:
         OptionError: within another run, and while one that is lasting is under way.
     """
-    import mujoco
-
     texts: list[str] = []
     with _turn(lasting):
         function, active = _installable(callback)
@@ -120,3 +122,28 @@ def installed(table: Table, callback: CFunction = single_run, lasting: bool = Fa
             mujoco.set_mju_user_warning(previous_handler)
             mujoco.set_mjcb_control(previous)
             active.value = 0
+
+
+@contextlib.contextmanager
+def profiler_off() -> Iterator[bool]:
+    """Stop `mjData.timer` within the block; false, and no change, where MuJoCo's library does not offer its clock."""
+    clock = _clock()
+    if clock is None:
+        yield False
+        return
+    before = clock.value
+    clock.value = None
+    try:
+        yield True
+    finally:
+        clock.value = before
+
+
+@cache
+def _clock() -> Any:
+    """The C variable `mjcb_time` of the loaded library."""
+    folder = Path(mujoco.__file__).parent
+    for path in sorted(path for pattern in LIBRARIES for path in folder.glob(pattern)):
+        with contextlib.suppress(OSError, ValueError):  # another library, or one without the symbol
+            return ctypes.c_void_p.in_dll(ctypes.CDLL(str(path)), "mjcb_time")
+    return None

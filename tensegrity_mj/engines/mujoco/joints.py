@@ -18,7 +18,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.engines.mujoco import mjcf, mjcf_bodies, mjcf_tree, motion
+from tensegrity_mj.engines.mujoco import mjcf, mjcf_tree, motion
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
@@ -37,7 +37,7 @@ class JointForces:
         answers = structure.constraints or any(one.adds_mass for one in scene.effects)
         self.width = self.state + (3 * len(structure.nodes) if answers else 0)
         self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
-        ends = mjcf_bodies.Names(scene, tree).ends
+        ends = mjcf_tree.Names(scene, tree).ends
         # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
         self._ends = self._sites[structure.rod_nodes]
         self._gaps = []

@@ -13,10 +13,13 @@ its numbers; so a law alone also compares the strings, whose stiffness and rest 
 
 from __future__ import annotations
 
+import ctypes
+from functools import cache
 from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco.introspect import ast_nodes, enums, structs
 
 from tensegrity_mj.dynamics.native.actuation import command_as_lengths, evaluate_law
 from tensegrity_mj.dynamics.native.compiling import c_function
@@ -26,6 +29,7 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import (
     STACK_LIMIT,
     address,
+    address_of,
     borrowing,
     copy,
     floats,
@@ -36,7 +40,6 @@ from tensegrity_mj.dynamics.native.pointers import (
 )
 from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.dynamics.native.views import Table, fields_of, view_of
-from tensegrity_mj.engines.mujoco.answers import add_answers
 from tensegrity_mj.engines.mujoco.callback import (
     apply_loads,
     control_stage,
@@ -44,10 +47,11 @@ from tensegrity_mj.engines.mujoco.callback import (
     set_controls,
     settle,
 )
+from tensegrity_mj.engines.mujoco.implicit_forces import add_implicit_forces
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
-from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.engines.mujoco.motion import drive
 from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, USERDATA_SIZE, RunView
+from tensegrity_mj.errors import MissingLibraryError
 
 TABLE_SIZE = len(RUN)
 PARAMETERS = 10  # numbers that mjModel has for the gain and for the bias of each actuator
@@ -74,11 +78,11 @@ GUIDE = fields_of(
     runs=("i8", "run_count"),
     running=("i8", "run_count"),
     # What outlives an MjData: the place in a run's table, the address for the first run, and bytes from run to run.
-    kept=("i8", "kept_count", 3),
+    copies=("i8", "copy_count", 3),
     # A law alone: the table that is copied, places and sizes of what is lent, and what was answered.
     law_table="size",
     lent=("i8", "lent_count", 2),
-    answer_size="size",  # numbers of scratch for what answers accelerations, and in all
+    implicit_size="size",  # numbers of scratch for what answers accelerations, and in all
     room="size",
     answers=("i8", ANSWER_COUNT),
 )
@@ -145,12 +149,12 @@ def stage_of_many(guide: Any, model: int, data: int) -> None:
 @borrowing
 def settle_many(guide: Any) -> None:
     """Complete the last stage of each simulation after the steps of all, from the copies that the batch has kept."""
-    kept = guide.kept
+    copies = guide.copies
     for number in range(guide.run_count):
         if guide.running[number]:
             words = integers(guide.runs[number], TABLE_SIZE)
-            for n in range(len(kept)):
-                words[kept[n, 0]] = kept[n, 1] + number * kept[n, 2]
+            for n in range(len(copies)):
+                words[copies[n, 0]] = copies[n, 1] + number * copies[n, 2]
             settle(guide.runs[number])
 
 
@@ -166,8 +170,8 @@ def _command(guide: Any, data: int, table: int) -> int:
             floats(room, lent[n, 1])[k] = 0.0  # velocities of fixed nodes stay so
         room += 8 * lent[n, 1]
     run = RunView(table)
-    run.answer_room = room
-    lend_room(table, room + 8 * guide.answer_size)
+    run.implicit_room = room
+    lend_room(table, room + 8 * guide.implicit_size)
     _bind(guide, table, data)
     t = floats(data + guide.time_at, 1)[0]
     if not read_nodes(table):
@@ -177,7 +181,7 @@ def _command(guide: Any, data: int, table: int) -> int:
         if run.status != 0:
             return FAILED
         drive(run, False)
-    if run.element_count > 0 or run.answering != 0:
+    if run.element_count > 0 or run.implicit != 0:
         let_act(table, t)
         if run.status != 0:
             return FAILED
@@ -189,8 +193,8 @@ def _command(guide: Any, data: int, table: int) -> int:
             command_as_lengths(table, run.rest)
             tighten_strings(table)
             set_controls(table)
-    if run.answering != 0 and status == SOLVED:
-        add_answers(table, -1.0)
+    if run.implicit != 0 and status == SOLVED:
+        add_implicit_forces(table, -1.0)
         apply_loads(table)
     return status
 
@@ -236,9 +240,9 @@ def law_alone(model, data):  # type: ignore[no-untyped-def]
         stage_of_a_law(_GuideView(guide), model, data)
 
 
-def law_room(plant: Plant, answer_size: int = 0) -> int:
+def law_room(plant: Plant, implicit_size: int = 0) -> int:
     """Numbers of scratch that a law alone needs, with those for what answers accelerations."""
-    return TABLE_SIZE + sum(plant[name].size for name in LENT) + answer_size + room_of_elements(plant)
+    return TABLE_SIZE + sum(plant[name].size for name in LENT) + implicit_size + room_of_elements(plant)
 
 
 class Guide(Table):
@@ -273,8 +277,92 @@ class Guide(Table):
             fields=fields,
         )
 
-    def keep(self, copies: dict[str, Any]) -> None:
+    def set_copies(self, copies: dict[str, Any]) -> None:
         """Set where copies of MjData's arrays are, each a row a simulation, by their names in a run's table."""
         places = {name: place for place, (name, _) in enumerate(RUN)}
-        kept = [(places[name], array.ctypes.data, array.strides[0]) for name, array in copies.items()]
-        self.set(kept=np.array(kept, np.int64))
+        found = [(places[name], array.ctypes.data, array.strides[0]) for name, array in copies.items()]
+        self.set(copies=np.array(found, np.int64))
+
+
+# Offsets of the fields of mjData and mjModel in memory, from the declarations in the package's own `mujoco.introspect`
+# and the rules of C. Before they are used they are checked against the addresses of the Python views of an MjData, so
+# that another layout is an error message and not a crash.
+
+_PLAIN: dict[str, Any] = {
+    "int": ctypes.c_int,
+    "float": ctypes.c_float,
+    "char": ctypes.c_char,
+    "unsigned char": ctypes.c_ubyte,
+    "size_t": ctypes.c_size_t,
+    "uintptr_t": ctypes.c_size_t,
+    "uint64_t": ctypes.c_uint64,
+    "mjtNum": ctypes.c_double,
+    "mjtByte": ctypes.c_ubyte,
+    "mjtBool": ctypes.c_bool,
+    "mjtSize": ctypes.c_int64,
+}
+
+
+def _c_type(declared: Any) -> Any:
+    if isinstance(declared, ast_nodes.PointerType):
+        return ctypes.c_void_p
+    if isinstance(declared, ast_nodes.ArrayType):
+        kind = _c_type(declared.inner_type)
+        for extent in reversed(declared.extents):
+            kind = kind * extent
+        return kind
+    if isinstance(declared, ast_nodes.ValueType):
+        name = declared.name.removeprefix("struct ")
+        if name in _PLAIN:
+            return _PLAIN[name]
+        if name in enums.ENUMS:
+            return ctypes.c_int
+        for candidate in (name, name.rstrip("_")):
+            if candidate in structs.STRUCTS:
+                return _structure(candidate)
+    if hasattr(declared, "fields"):  # an anonymous struct
+        base = ctypes.Union if isinstance(declared, ast_nodes.AnonymousUnionDecl) else ctypes.Structure
+        return type("anonymous", (base,), {"_fields_": [(f.name, _c_type(f.type)) for f in declared.fields]})
+    raise MissingLibraryError(f"MuJoCo {mujoco.__version__} declares a type that is unknown here: {declared}")
+
+
+@cache
+def _structure(name: str) -> Any:
+    fields = [(field.name, _c_type(field.type)) for field in structs.STRUCTS[name].fields]
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
+
+
+def offset(structure: str, field: str) -> int:
+    """Bytes from the start of an "mjData" or "mjModel" to one of its fields."""
+    return int(getattr(_structure(structure), field).offset)
+
+
+def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, ...]) -> None:
+    """Check that these arrays of mjData, its time, and the sizes and strings of mjModel are where the offsets say.
+
+    Raises:
+        MissingLibraryError: where one is not.
+    """
+    at = {"mjData": int(data._address), "mjModel": int(model._address)}
+
+    def check(structure: str, field: str, kind: Any, value: Any) -> None:
+        if kind.from_address(at[structure] + offset(structure, field)).value != value:
+            raise MissingLibraryError(
+                f"{structure}.{field} is not where MuJoCo {mujoco.__version__}'s own description says: install another "
+                "version of mujoco (4.0 is known to work), or simulate runs one by one"
+            )
+
+    arrays = [("mjData", data, field) for field in fields]
+    arrays += [("mjModel", model, field) for field in ("actuator_gainprm", "actuator_biasprm", "wrap_objid")]
+    for structure, owner, field in arrays:
+        if np.size(view := getattr(owner, field)):
+            check(structure, field, ctypes.c_void_p, address_of(view))
+    before = data.time
+    try:
+        data.time = 0.8414709848078965
+        check("mjData", "time", ctypes.c_double, data.time)
+    finally:
+        data.time = before
+    for field in ("nu", "nsite", "nbody", "ntendon", "nuserdata"):
+        check("mjModel", field, ctypes.c_int64, getattr(model, field))
+    check("mjModel", "signature", ctypes.c_uint64, model.signature)

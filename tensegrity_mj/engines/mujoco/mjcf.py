@@ -31,16 +31,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array, rotation_to
-from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Bodies, Names, hardness, size
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct, must_turn, numbers
-from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
-from tensegrity_mj.engines.mujoco.mjcf_tree import quaternion as quaternion
+from tensegrity_mj.engines.mujoco.mjcf_tree import (
+    TURNED_AXIS,
+    TURNED_SITE,
+    BodyTree,
+    Names,
+    RodJoint,
+    Turn,
+    add,
+    body_tree,
+    distinct,
+    initial_velocities,
+    must_turn,
+    numbers,
+    quaternion,
+)
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.resistance import nodal_damping
+from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
@@ -59,6 +73,22 @@ UNLIMITED = 1e30  # "inf" does not survive every writer
 # chain of six between two pins with damped strings, and a truss of 14 rods with six closures, show the same.
 CONNECT_STEPS, IMPEDANCE = 4.0, 0.9999
 MOST_NESTED = 490  # bodies within each other: MuJoCo reads XML of 500 levels
+# The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
+# motion, while below 1e-12 round-off spins the rod up and above 1e-2 it would no longer be a thin rod.
+AXIAL_INERTIA = 1e-5
+# Of rods that hang on each other: what is about the axis of a rod is then a small part of what hangs on it, and its
+# round-off spins rods up. Between 1e-7 and 1 this changes no node of a chain of 121 in space by more than 1e-14 m; the
+# spin that round-off leaves falls in proportion, from 3e-6 to 3e-13 rad/s.
+NESTED_AXIAL_INERTIA = 1e-2
+LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
+POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
+LOOK = {"contype": "0", "conaffinity": "0", "rgba": "0.4 0.4 0.45 1"}  # the picture of a mass
+FLOOR, MEMBER = 1, 2  # bits that say what may touch
+# What drives a support is a slide whose armature is this many times all masses of the scene. It is pushed with as much
+# times d̈, and what reacts on it changes its acceleration by 1e-14 of that which it would give the whole scene. Between
+# 1e12 and 1e30 kg no node of a hanging chain changes by more than 2e-13 m in 6 s; MuJoCo's solver of constraints wants
+# no more than there must be.
+DRIVE = 1e14
 
 
 def save_mjcf(scene: Scene, path: str | os.PathLike[str], timestep: float = 1e-3, integrator: str = "RK4") -> Path:
@@ -96,19 +126,15 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     title = "".join(letter if letter.isprintable() else " " for letter in scene.name)
     root = ET.Element("mujoco", model=title)
     root.append(ET.Comment(f" {_remarks(scene)} "))
-    ET.SubElement(root, "compiler", angle="radian", autolimits="false", balanceinertia="false", boundmass="0")
-    option = ET.SubElement(
-        root,
-        "option",
-        timestep=numbers([timestep]),
-        integrator=integrator,
-        gravity=numbers(scene.gravity),
-    )
+    add(root, "compiler", angle="radian", autolimits="false", balanceinertia="false", boundmass="0")
+    option = add(root, "option", timestep=timestep, integrator=integrator, gravity=scene.gravity)
     _flags(option, scene, tree)
-    _visual(root, scene)
+    nodes = scene.nodes0
+    extent = float(np.linalg.norm(np.ptp(nodes, axis=0))) or 1e-3
+    add(root, "statistic", center=0.5 * (nodes.min(axis=0) + nodes.max(axis=0)), extent=extent)
 
-    world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
+    world = add(root, "worldbody")
+    add(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
     _floor(root, world, scene)
     thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * size(scene))
     names = Names(scene, tree)
@@ -119,8 +145,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     _closures(root, scene, tree, names, timestep)
     _exclude_joined(root, scene, names)
     if np.any(scene.velocities0):
-        keyframe = ET.SubElement(root, "keyframe")
-        ET.SubElement(keyframe, "key", name="start", qvel=numbers(initial_velocities(scene)))
+        add(add(root, "keyframe"), "key", name="start", qvel=initial_velocities(scene))
     state_oldest(root)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
@@ -130,65 +155,54 @@ def _floor(root: ET.Element, world: ET.Element, scene: Scene) -> None:
     contact = scene.contact
     if contact is None or contact.floor is None:
         return
-    bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0", **hardness(contact)}
-    look: dict[str, Any] = {"rgba": "0.8 0.82 0.84 1"}
+    bits, look = {"contype": str(FLOOR), "conaffinity": "0", **hardness(contact)}, {"rgba": "0.8 0.82 0.84 1"}
     taken = {rod.name for rod in scene.structure.rods}
     level = contact.floor
     if contact.terrain is not None:
         name = distinct(["terrain"], taken=taken)[0]
         middle, sizes, shares = contact.terrain.height_field()
-        rows: dict[str, Any] = dict(zip(("nrow", "ncol"), map(str, shares.shape), strict=True))
-        field: dict[str, Any] = {"size": numbers(sizes), "elevation": numbers(shares[::-1].ravel())}  # text runs down
-        ET.SubElement(ET.SubElement(root, "asset"), "hfield", name=name, **rows, **field)
-        place: dict[str, Any] = {"pos": numbers(middle + level * contact.up)}
-        ET.SubElement(world, "geom", name=name, type="hfield", hfield=name, **place, **bits, **look)
+        rows, columns = map(str, shares.shape)
+        text = shares[::-1]  # which runs down
+        add(add(root, "asset"), "hfield", name=name, nrow=rows, ncol=columns, size=sizes, elevation=text)
+        add(world, "geom", name=name, type="hfield", hfield=name, pos=middle + level * contact.up, **bits, **look)
         level += contact.terrain.lowest
     # Endless: the size is for viewers, its last number a spacing of lines.
     origin, rotation = level * contact.up, rotation_to(contact.up)
     if must_turn(origin, [np.zeros(3)], 0.0):
         rotation = rotation @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about its normal
-    place = {"pos": numbers(origin), "quat": numbers(quaternion(rotation))}
     name = distinct(["floor"], taken=taken)[0]
-    extent = numbers([0, 0, 0.1 * size(scene)])
-    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, size=extent, **look)
+    at = {"pos": origin, "quat": quaternion(rotation)}
+    add(world, "geom", name=name, type="plane", **at, **bits, size=[0, 0, 0.1 * size(scene)], **look)
 
 
 def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
     """Set the flags that change what is computed; MuJoCo must never reset a state without a warning."""
     constrained = scene.contact is not None or bool(tree.forest.closures)
     # Newton 1.8 reads this flag of a file alone, and lets what has none fall at its own 9.81 m/s².
-    without: dict[str, Any] = {} if np.any(scene.gravity) else {"gravity": "disable"}
+    gravity = None if np.any(scene.gravity) else "disable"
     if not constrained:
-        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable", **without)
+        add(option, "flag", contact="disable", constraint="disable", autoreset="disable", gravity=gravity)
         return
     moved = [joint.moved for joint in tree.joints] + [axes for _, axes in tree.moved_nodes]
     driven = sum(axes.shape[1] for axes in moved)
     # The solver measures what is left to do by the mean of all inertia, of which drives are all that it would see.
     option.set("tolerance", numbers([SOLVER_TOLERANCE / (DRIVE * driven) if driven else SOLVER_TOLERANCE]))
-    if scene.contact is None:
-        without["contact"] = "disable"
-    else:
+    if scene.contact is not None:
         option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
         option.set("impratio", numbers([FRICTION_IMPEDANCE]))
     # With the exact mass that each constraint feels, the law of a contact is the one that docs/contact.md states.
-    ET.SubElement(option, "flag", autoreset="disable", diagexact="enable", **without)
+    contact = "disable" if scene.contact is None else None
+    add(option, "flag", autoreset="disable", diagexact="enable", gravity=gravity, contact=contact)
 
 
 def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, timestep: float) -> None:
     """Joints that the tree of bodies leaves open."""
     if not tree.forest.closures:
         return
-    equality = ET.SubElement(root, "equality")
+    equality = add(root, "equality")
+    law = {"solref": [CONNECT_STEPS * timestep, 1.0], "solimp": [IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0]}
     for (node, _, _), end in zip(tree.forest.closures, names.ends, strict=True):
-        ET.SubElement(
-            equality,
-            "connect",
-            name=end,
-            site1=scene.structure.node_names[node],
-            site2=end,
-            solref=numbers([CONNECT_STEPS * timestep, 1.0]),
-            solimp=numbers([IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0]),
-        )
+        add(equality, "connect", name=end, site1=scene.structure.node_names[node], site2=end, **law)
 
 
 def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
@@ -200,9 +214,9 @@ def _exclude_joined(root: ET.Element, scene: Scene, names: Names) -> None:
     pairs |= {(min(two), max(two)) for two in ((rods[a], rods[b]) for a, b in scene.contact.exclude)}
     if not pairs:
         return
-    contact = ET.SubElement(root, "contact")
+    contact = add(root, "contact")
     for first, second in sorted(pairs):
-        ET.SubElement(contact, "exclude", body1=names.rods[first], body2=names.rods[second])
+        add(contact, "exclude", body1=names.rods[first], body2=names.rods[second])
 
 
 def actuator_numbers(structure: Structure) -> tuple[Array, Array, Array]:
@@ -226,23 +240,14 @@ def controls_for(structure: Structure, lengths: Array, rates: Array, tensions: A
 
 def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
     # MuJoCo's polynomial stiffness is that of tendons, about lengths that no control moves, as winches do rest lengths.
-    tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
+    tendons, actuators = add(root, "tendon"), add(root, "actuator")
     strings = scene.structure.strings
     for string, gain, bias, most in zip(strings, *actuator_numbers(scene.structure), strict=True):
-        tendon = ET.SubElement(tendons, "spatial", name=string.name, width=numbers([thickness]), rgba="0.8 0.2 0.15 1")
+        tendon = add(tendons, "spatial", name=string.name, width=thickness, rgba="0.8 0.2 0.15 1")
         for name in string.nodes:
-            ET.SubElement(tendon, "site", site=name)
-        ET.SubElement(
-            actuators,
-            "general",
-            name=string.name,
-            tendon=string.name,
-            gainprm=numbers([gain]),
-            biastype="affine",
-            biasprm=numbers(bias),
-            forcelimited="true",
-            forcerange=numbers([-UNLIMITED, most]),
-        )
+            add(tendon, "site", site=name)
+        law = {"gainprm": gain, "biastype": "affine", "biasprm": bias, "forcelimited": "true"}
+        add(actuators, "general", name=string.name, tendon=string.name, **law, forcerange=[-UNLIMITED, most])
 
 
 def _remarks(scene: Scene) -> str:
@@ -265,13 +270,6 @@ def _remarks(scene: Scene) -> str:
     return " ".join(text for text, holds in remarks.items() if holds)
 
 
-def _visual(root: ET.Element, scene: Scene) -> None:
-    nodes = scene.nodes0
-    center = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
-    extent = float(np.linalg.norm(np.ptp(nodes, axis=0))) or 1e-3
-    ET.SubElement(root, "statistic", center=numbers(center), extent=numbers([extent]))
-
-
 def add_bars(root: ET.Element, world: ET.Element, scene: Scene, tree: BodyTree, names: Names) -> None:
     """Add the tendons of all elastic rods, behind those of strings."""
     structure = scene.structure
@@ -279,22 +277,214 @@ def add_bars(root: ET.Element, world: ET.Element, scene: Scene, tree: BodyTree, 
     if not rows:
         return
     if np.any(scene.gravity):
-        ET.SubElement(world, "body", gravcomp="1")  # MuJoCo looks for gravcomp where a body has one above zero
+        add(world, "body", gravcomp="1")  # MuJoCo looks for gravcomp where a body has one above zero
     found = root.find("tendon")
-    tendons = ET.SubElement(root, "tendon") if found is None else found
+    tendons = add(root, "tendon") if found is None else found
     called = distinct([structure.rods[row].name for row in rows], {string.name for string in structure.strings})
     for row, name in zip(rows, called, strict=True):
         rod, joint = structure.rods[row], tree.joints[row]
-        look: dict[str, Any] = {"width": numbers([rod.radius]), "rgba": "0.25 0.35 0.55 1"}
         spring = {"stiffness": rod.stiffness, "damping": rod.damping, "springlength": structure.rod_lengths[row]}
-        law: dict[str, Any] = {key: numbers([value]) for key, value in spring.items()}
-        bar = ET.SubElement(tendons, "spatial", name=name, **law, **look)
+        bar = add(tendons, "spatial", name=name, **spring, width=rod.radius, rgba="0.25 0.35 0.55 1")
         for node in rod.nodes:
-            ET.SubElement(bar, "site", site=node)
+            add(bar, "site", site=node)
         total, first, _ = structure.rod_lumps[:, row]
         for mass, at in ((2 * rod.mass / 3, 0.5), *([(total, first / total)] if total else [])):
             for shares in np.hstack([joint.axes, abs(joint.sigma - at) * joint.stretches]):
                 moving = [(slide, share) for slide, share in zip(names.rod_slides[row], shares, strict=True) if share]
-                fixed = ET.SubElement(tendons, "fixed", armature=numbers([mass])) if moving else tendons
+                fixed = add(tendons, "fixed", armature=mass) if moving else tendons
                 for slide, share in moving:
-                    ET.SubElement(fixed, "joint", joint=slide, coef=numbers([share]))
+                    add(fixed, "joint", joint=slide, coef=share)
+
+
+class Bodies:
+    """Writer of a scene's bodies into the world of its model.
+
+    Attributes:
+        world: where they are added.
+        site: the look of sites.
+        thickness: [m] of the strings' drawing.
+    """
+
+    def __init__(self, world: ET.Element, scene: Scene, tree: BodyTree, names: Names, thickness: float) -> None:
+        self.world, self.scene, self.tree, self.names, self.thickness = world, scene, tree, names, thickness
+        self.structure = scene.structure
+        self.site = {"size": 2 * thickness, "rgba": "0.2 0.2 0.2 1"}
+
+    def add(self) -> None:
+        """Add the fixed nodes that stand still, and everything that moves."""
+        moved = {row for row, _ in self.tree.moved_nodes}
+        for name in self.structure.fixed_nodes:
+            row = self.structure.node_index[name]
+            if row not in moved:
+                self._add_site(self.world, name, self.scene.nodes0[row])
+        elements: dict[int, ET.Element] = {-1: self.world}
+        for number in self.tree.order:
+            joint = self.tree.joints[number]
+            if joint.turn is Turn.NONE:
+                self._add_bar(number, joint)
+            else:
+                elements[number] = self._add_rod(elements[joint.parent], number, joint)
+        for number in range(len(self.structure.lone_masses)):
+            self._add_point(number)
+        for number in range(len(self.tree.moved_nodes)):
+            self._add_moved_node(number)
+        for number in range(len(self.structure.bodies)):
+            self._add_body(number)
+
+    def _add_rod(self, carrier: ET.Element, number: int, joint: RodJoint) -> ET.Element:
+        scene, structure, names = self.scene, self.structure, self.names
+        rod, length = structure.rods[number], float(structure.rod_lengths[number])
+        sigma = joint.sigma
+        position, rotation = self._frame(number)
+        place = rotation
+        if joint.parent >= 0:
+            origin, carried = self._frame(joint.parent)
+            position, place = carried.T @ (position - origin), carried.T @ rotation
+        body = add(carrier, "body", name=names.rods[number], pos=position, quat=quaternion(place))
+        turn = names.turns[number]
+        if joint.turn is Turn.FREE:
+            add(body, "freejoint", name=turn)
+        else:
+            # Slides come before the turn, so that their axes stay where the support has them.
+            self._add_slides(body, names.rod_slides[number], rotation.T @ joint.axes, joint.slides.shape[1])
+            if joint.turn is Turn.BALL:
+                add(body, "joint", name=turn, type="ball")
+            else:
+                add(body, "joint", name=turn, type="hinge", axis=rotation.T @ self.tree.normals[number])
+        middle, transverse = centers_and_moments(rod.mass, length, structure.rod_lumps[:, number])
+        # Where rods touch something they may roll on it: then it is a solid cylinder's.
+        thin = AXIAL_INERTIA if structure.class_number < 2 else NESTED_AXIAL_INERTIA
+        axial = transverse * (thin if scene.contact is None else 1.0)
+        # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
+        axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
+        back, ahead = -sigma * length, (1 - sigma) * length
+        center = (0.0, 0.0, (middle - sigma) * length)
+        turned = TURNED_AXIS if must_turn(center, [np.zeros(3)], length) else None
+        mass, moments = structure.rod_masses[number], [transverse, transverse, axial]
+        add(body, "inertial", pos=center, mass=mass, diaginertia=moments, quat=turned)
+        shape = {"type": "capsule", "fromto": [0, 0, back, 0, 0, ahead], "size": rod.radius}
+        add(body, "geom", name=rod.name, **shape, **touching(scene, rods=True), rgba="0.25 0.35 0.55 1")
+        for lump in rod.masses:
+            add(body, "geom", type="sphere", pos=[0, 0, back + lump.at * length], size=1.6 * rod.radius, **LOOK)
+        closures = zip(self.tree.forest.closures, names.ends, strict=True)
+        own = {node: name for (node, _, other), name in closures if other == number}
+        for name, height in zip(rod.nodes, (back, ahead), strict=True):
+            node = structure.node_index[name]
+            if self.tree.forest.owner[node] == number:
+                self._add_site(body, name, [0, 0, height], center, length)
+            elif node in own:
+                self._add_site(body, own[node], [0, 0, height], center, length)
+        return body
+
+    def _add_bar(self, number: int, joint: RodJoint) -> None:
+        """The bodies of an elastic rod's ends, the second of which slides relative to the first; see `mjcf`."""
+        scene, structure, names = self.scene, self.structure, self.names
+        rod, ends = structure.rods[number], scene.nodes0[structure.rod_nodes[number]]
+        near, count = int(joint.sigma), joint.axes.shape[1]
+        slides = names.rod_slides[number]
+        own, (total, first, second) = rod.mass / 6, structure.rod_lumps[:, number]
+        weights = mass_at_ends(structure)[number]  # what a body weighs more than its own mass does
+        heavy: Any = 1 - weights / own if np.any(scene.gravity) else [None, None]
+        body = add(self.world, "body", name=names.rods[number], pos=ends[near], gravcomp=heavy[near])
+        self._add_slides(body, slides[:count], joint.axes, joint.slides.shape[1])
+        place = ends[1 - near] - ends[near]
+        inner = add(ET.Element("none"), "body", name=names.bars[number], pos=place, gravcomp=heavy[1 - near])
+        apart = max(second - first**2 / total, 0.0) if total else 0.0  # of the masses about their own centre
+        self._add_slides(inner, slides[count:], joint.stretches, 0, apart)
+        for part, node in ((body, rod.nodes[near]), (inner, rod.nodes[1 - near])):
+            # The moment of inertia never counts: the bodies only slide.
+            add(part, "inertial", pos="0 0 0", mass=own, diaginertia=[rod.mass] * 3)
+            self._add_site(part, node, [0, 0, 0])
+        body.append(inner)
+
+    def _add_site(
+        self, body: ET.Element, name: str, place: ArrayLike, center: ArrayLike = (0, 0, 0), size: float = 0.0
+    ) -> None:
+        """A site at a place (3,) of a body whose center of mass is at `center` (3,) and which is of this size [m]."""
+        turned = TURNED_SITE if must_turn(place, [np.zeros(3), center], size) else None
+        add(body, "site", name=name, pos=place, quat=turned, **self.site)
+
+    def _frame(self, number: int) -> tuple[Array, Array]:
+        """Position and rotation of a rod's body at the start, in the world."""
+        first, second = self.scene.nodes0[self.structure.rod_nodes[number]]
+        sigma = self.tree.joints[number].sigma
+        return (1 - sigma) * first + sigma * second, self.tree.built[number]
+
+    def _add_slides(
+        self, body: ET.Element, names: list[str], axes: Array, free: int, armature: float | None = None
+    ) -> None:
+        """Add slides along axes (3, n), those after the free ones with an armature [kg], by default that of drives."""
+        mass = drive(self.scene) if armature is None else armature
+        for k, (name, axis) in enumerate(zip(names, axes.T, strict=True)):
+            add(body, "joint", name=name, type="slide", axis=axis, armature=mass if k >= free and mass else None)
+
+    def _add_point(self, number: int) -> None:
+        scene, structure = self.scene, self.structure
+        point = structure.lone_masses[number]
+        position = scene.nodes0[structure.node_index[point.node]]
+        body = add(self.world, "body", name=self.names.points[number], pos=position)
+        self._add_slides(body, self.names.point_slides[number], point.translation_basis, 3)
+        # The moment of inertia never counts: the body only slides.
+        inertia = [point.mass * size(scene) ** 2 * 1e-4] * 3
+        add(body, "inertial", pos="0 0 0", mass=point.mass, diaginertia=inertia)
+        own = sum(len(rope.points) for rope in structure.ropes)  # the last of them, drawn as strings are
+        radius = self.thickness if number >= len(structure.lone_masses) - own else 4 * self.thickness
+        add(body, "geom", type="sphere", size=radius, **LOOK)
+        if scene.contact is not None and scene.contact.floor is not None:
+            ball = POINT_RADIUS * size(scene)
+            add(body, "geom", type="sphere", size=ball, **touching(scene, rods=False), rgba="0 0 0 0")
+        add(body, "site", name=point.node, pos="0 0 0", **self.site)
+
+    def _add_moved_node(self, number: int) -> None:
+        """Add a node that moves and belongs to no member: only strings feel it, and its mass has no effect."""
+        row, axes = self.tree.moved_nodes[number]
+        body = add(self.world, "body", name=self.names.moved[number], pos=self.scene.nodes0[row])
+        self._add_slides(body, self.names.moved_slides[number], axes, 0)
+        add(body, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+        add(body, "site", name=self.structure.node_names[row], pos="0 0 0", **self.site)
+
+    def _add_body(self, number: int) -> None:
+        """A body about its centre of mass, drawn as the edges of its hull; one that is held has no joint."""
+        body, frame = self.structure.bodies[number], self.structure.frames[number]
+        center, rotation = frame.placed(self.scene.nodes0)
+        element = add(self.world, "body", name=self.names.bodies[number], pos=center, quat=quaternion(rotation))
+        if not body.held:
+            add(element, "freejoint", name=self.names.free_joints[number])
+        # Principal axes by LAPACK: MuJoCo's own are found to 1e-12 alone.
+        moments, axes = np.linalg.eigh(body.inertia_matrix)
+        axes[:, 2] *= np.linalg.det(axes)
+        add(element, "inertial", pos="0 0 0", mass=body.mass, quat=quaternion(axes), diaginertia=moments)
+        for pair in frame.edges:
+            add(element, "geom", type="capsule", fromto=frame.offsets[pair], size=2 * self.thickness, **LOOK)
+        for name, offset in zip(body.nodes, frame.offsets, strict=True):
+            self._add_site(element, name, offset, size=float(np.abs(frame.offsets).max()))
+
+
+def drive(scene: Scene) -> float:
+    """Armature [kg] of the slides that drive supports."""
+    return DRIVE * (total_mass(scene.structure) or 1.0)
+
+
+def touching(scene: Scene, rods: bool) -> dict[str, Any]:
+    """Attributes of a geom that touches the floor, if there is one, and `rods`, if they touch; nothing otherwise."""
+    contact = scene.contact
+    if contact is None:
+        return {"contype": "0", "conaffinity": "0"}
+    member = MEMBER if rods and contact.rods else 0
+    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if contact.floor is not None else 0))}
+    return bits | hardness(contact)
+
+
+def hardness(contact: Contact) -> dict[str, Any]:
+    """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
+    return {
+        "condim": "1" if contact.friction == 0 else "6" if contact.rolling > 0 else "4" if contact.torsion > 0 else "3",
+        "friction": [contact.friction, contact.torsion, contact.rolling],
+        "solref": [-contact.stiffness, -contact.damping],
+        "solimp": contact.impedance,
+    }
+
+
+def size(scene: Scene) -> float:
+    """Largest extent of the structure at the start [m]; 1 mm for a point."""
+    return float(np.max(np.ptp(scene.nodes0, axis=0), initial=0.0)) or 1e-3

@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import enum
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -49,24 +51,13 @@ def must_turn(place: ArrayLike, frames: Iterable[ArrayLike], size: float) -> boo
 
 def quaternion(rotation: Array) -> Array:
     """Unit quaternion (w, x, y, z) of a rotation matrix, from its largest component for accuracy."""
-    r = rotation
-    squares = np.array(
-        [
-            1 + r[0, 0] + r[1, 1] + r[2, 2],
-            1 + r[0, 0] - r[1, 1] - r[2, 2],
-            1 - r[0, 0] + r[1, 1] - r[2, 2],
-            1 - r[0, 0] - r[1, 1] + r[2, 2],
-        ]
-    )
+    r, products = rotation, np.empty((4, 4))
+    x, y, z = np.diagonal(r)
+    squares = np.array([1 + x + y + z, 1 + x - y - z, 1 - x + y - z, 1 - x - y + z])
+    products[0, 1:] = products[1:, 0] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    products[1:, 1:] = r + r.T
+    np.fill_diagonal(products, squares)
     largest = int(np.argmax(squares))
-    products = np.array(
-        [
-            [squares[0], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], squares[1], r[1, 0] + r[0, 1], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[1, 0] + r[0, 1], squares[2], r[2, 1] + r[1, 2]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2], squares[3]],
-        ]
-    )
     q = products[largest] / (2 * math.sqrt(squares[largest]))
     return np.asarray(q / np.linalg.norm(q))
 
@@ -74,6 +65,13 @@ def quaternion(rotation: Array) -> Array:
 def numbers(values: Iterable[float]) -> str:
     """Values as MJCF has them, with all their digits."""
     return " ".join(repr(float(value) + 0.0) for value in values)  # no -0.0
+
+
+def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
+    """Add an element with attributes: numbers and arrays become texts, and those that are None are left out."""
+    given = {key: one for key, one in attributes.items() if one is not None}
+    texts = {key: one if isinstance(one, str) else numbers(np.ravel(one)) for key, one in given.items()}
+    return ET.SubElement(parent, tag, texts)
 
 
 NOTHING = 1e-12  # of the largest displacement: one below it is no direction of its own
@@ -308,3 +306,37 @@ def place(data: mujoco.MjData, scene: Scene, nodes: Array, velocities: Array, tr
     """
     tree = body_tree(scene) if tree is None else tree
     data.qpos[:], data.qvel[:] = joint_coordinates(scene, tree, nodes, velocities)
+
+
+class Names:
+    """Names of bodies, joints and sites, unique among their kind: lists of rods, point masses, moved nodes, bodies."""
+
+    def __init__(self, scene: Scene, tree: BodyTree) -> None:
+        structure = scene.structure
+        rods, points = structure.rods, structure.lone_masses
+        moved = [structure.node_names[row] for row, _ in tree.moved_nodes]
+        members = [rod.name for rod in rods] + [point.node for point in points] + moved
+        own = [body.name for body in structure.bodies]
+        bodies = distinct([*members, *own], taken={"world"})
+        # The second body of an elastic rod.
+        self.bars = distinct([f"{rod.name} end" for rod in rods], taken={"world", *bodies})
+        cuts = (len(rods), len(rods) + len(points))
+        self.rods, self.points, self.moved = _cut(bodies[: len(members)], cuts)
+        self.bodies = bodies[len(members) :]
+        # A rod's own name goes to the joint that turns it, not to a slide of another rod.
+        self.turns = [rod.name for rod in rods]
+        counts = [0 if j.turn is Turn.FREE else j.axes.shape[1] + j.stretches.shape[1] for j in tree.joints]
+        counts += [point.translation_basis.shape[1] for point in points]
+        counts += [axes.shape[1] for _, axes in tree.moved_nodes]
+        wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
+        given = iter(distinct([*wanted, *own], taken=set(self.turns)))
+        slides = [[next(given) for _ in range(count)] for count in counts]
+        self.rod_slides, self.point_slides, self.moved_slides = _cut(slides, cuts)
+        self.free_joints = list(given)  # of the bodies
+        # Where a rod ends at a node whose site another rod's body carries, and no joint of bodies holds it there.
+        ends = [f"{structure.node_names[node]} of {rods[other].name}" for node, _, other in tree.forest.closures]
+        self.ends = distinct(ends, taken=set(structure.node_names))
+
+
+def _cut(values: list[Any], cuts: tuple[int, int]) -> tuple[list[Any], list[Any], list[Any]]:
+    return values[: cuts[0]], values[cuts[0] : cuts[1]], values[cuts[1] :]

@@ -28,8 +28,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import borrowing, copy
 from tensegrity_mj.dynamics.native.vectors import dot
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, Names
 from tensegrity_mj.engines.mujoco.run_view import SLIDE
 from tensegrity_mj.model.rods import mass_at_ends
 from tensegrity_mj.model.scene import Scene
@@ -87,7 +86,7 @@ def support_power(run: Any) -> float:
                     start, end = nodes[pairs[p, 0]], nodes[pairs[p, 1]]
                     pull = dot(slide.axis, end) - dot(slide.axis, start)
                     force += reach[s, p] * tensions[m] / lengths[p] * pull
-        if run.element_count > 0 or run.answering != 0:
+        if run.element_count > 0 or run.implicit != 0:
             for n in range(len(forces)):
                 if members[s, n] != 0.0:
                     force += dot(slide.axis, forces[n])
@@ -97,13 +96,13 @@ def support_power(run: Any) -> float:
 
 
 @borrowing
-def keep_rates(run: Any) -> None:
+def note_rates(run: Any) -> None:
     """Keep velocities and ḋ of this stage until its constraint forces are known."""
     slides, moved = run.driven, run.moved
     if run.touches:
-        copy(run.qvel, run.kept_rates)
+        copy(run.qvel, run.stage_rates)
     for s in range(len(slides)):
-        slides[s].kept = dot(slides[s].axis, moved[slides[s].motion, 1])
+        slides[s].rate = dot(slides[s].axis, moved[slides[s].motion, 1])
     run.awaits_constraints = 1
 
 
@@ -117,14 +116,14 @@ def count_constraints(run: Any, weight: float, one_stage: bool) -> float:
     if not run.awaits_constraints:
         return 0.0
     run.awaits_constraints = 0
-    slides, moved, pulls, kept, now = run.driven, run.moved, run.qfrc_constraint, run.kept_rates, run.qvel
+    slides, moved, pulls, before, now = run.driven, run.moved, run.qfrc_constraint, run.stage_rates, run.qvel
     power, total = 0.0, 0.0
     if run.touches:
         for i in range(len(pulls)):
-            power += pulls[i] * (0.5 * (kept[i] + now[i]) if one_stage else kept[i])
+            power += pulls[i] * (0.5 * (before[i] + now[i]) if one_stage else before[i])
     for s in range(len(slides)):
         slide = slides[s]
-        rate = slide.kept
+        rate = slide.rate
         if one_stage:
             rate = 0.5 * (rate + dot(slide.axis, moved[slide.motion, 1]))
         total -= pulls[slide.dof] * rate

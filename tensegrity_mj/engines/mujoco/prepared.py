@@ -16,8 +16,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
-from tensegrity_mj.engines.mujoco import install, mjcf, mjcf_bodies, run_view
-from tensegrity_mj.engines.mujoco.mjcf_tree import SNAP, BodyTree, body_tree, joint_coordinates
+from tensegrity_mj.engines.mujoco import install, mjcf, run_view
+from tensegrity_mj.engines.mujoco.mjcf_tree import SNAP, BodyTree, Names, body_tree, joint_coordinates
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.rods import mass_at_ends
 from tensegrity_mj.model.scene import Scene
@@ -184,7 +184,7 @@ ROUND_OFF = 8 * float(np.finfo(float).eps)  # of coordinates, for each body that
 def check_places(scene: Scene, model: mujoco.MjModel, tree: BodyTree | None = None) -> None:
     """Check that sites, centers of mass and capsules of a scene's model are where its structure has them.
 
-    MuJoCo's compiler takes frames nearer than 1e-6 m for one, which `mjcf_frames` avoids: this is the proof. The
+    MuJoCo's compiler takes frames nearer than 1e-6 m for one, which `must_turn` avoids: this is the proof. The
     tolerance is 1e-12 of the structure's size, the round-off of its coordinates, and by how much given start positions
     stretch rods, within what `validation` allows.
 
@@ -205,13 +205,13 @@ def check_places(scene: Scene, model: mujoco.MjModel, tree: BodyTree | None = No
     sites = np.array([model.site(name).id for name in structure.node_names], int)
     _compare("node", structure.node_names, data.site_xpos[sites], nodes, allowed)
     centers = np.array([frame.placed(nodes)[0] for frame in structure.frames]).reshape(-1, 3)
-    names = tuple(mjcf_bodies.Names(scene, tree).bodies)
+    names = tuple(Names(scene, tree).bodies)
     bodies = np.array([model.body(name).id for name in names], int)
     _compare("center of mass of body", names, data.xipos[bodies], centers, allowed)
     if not structure.rods:
         return
     # Where a rod ends at a node that another rod's body carries, and a constraint joins the two.
-    ends = tuple(mjcf_bodies.Names(scene, tree).ends)
+    ends = tuple(Names(scene, tree).ends)
     joined = np.array([nodes[node] for node, _, _ in tree.forest.closures]).reshape(-1, 3)
     sites = np.array([model.site(name).id for name in ends], int)
     _compare("end", ends, data.site_xpos[sites], joined, allowed)

@@ -18,7 +18,7 @@ SLIDE = np.dtype(
         ("axis", "f8", (3,)),
         ("offset", "f8"),  # along the axis, of d where qpos is 0
         ("weight", "f8"),  # M g·e of the tree
-        ("kept", "f8"),  # ḋ of the stage whose constraint forces are not yet known
+        ("rate", "f8"),  # ḋ of the stage whose constraint forces are not yet known
     ],
     align=True,
 )
@@ -62,7 +62,7 @@ RUN = fields_of(
     writes_state="size",  # whether rows have qpos and qvel
     # Contact (`contact`).
     touches="size",  # whether there is any
-    kept_rates=("f8", "nv"),
+    stage_rates=("f8", "nv"),
     spinning=("i8", "spin_count", 3),  # body and nodes of each rod that may spin about its axis
     spin_inertia=("f8", "spin_count"),
     # Moved supports (`motion`).
@@ -73,10 +73,10 @@ RUN = fields_of(
     resets="size",  # whether slides and constraints are put where they belong at the start of each step
     constrained="size",  # whether constraints do work: those of contact, and any that pull at supports
     awaits_constraints="state",
-    # Added mass and linear constraints (`answers`).
-    answering="size",  # address of an `Answering`, or 0
+    # Added mass and linear constraints (`implicit_forces`).
+    implicit="size",  # address of an `ImplicitForces`, or 0
     constraint_count="size",
-    answer_room="state",  # address of scratch, which begins with the constraints' forces
+    implicit_room="state",  # address of scratch, which begins with the constraints' forces
 )
 USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the number of the simulation
 RunView = changing_view("Run", RUN)

@@ -3,7 +3,7 @@
 Everything is measured side by side: models take turns, each steps the same number of times from the same start, and the
 least of several rounds counts. On a busy machine times wander all the same; ratios do less.
 
-The parts are by MuJoCo's own timers, whose clock takes 2 to 35 % of a step (`engines.mujoco.clock`): given as shares.
+The parts are by MuJoCo's own timers, whose clock takes 2 to 35 % of a step (`engines.mujoco.install`): given as shares.
 
 A further step of a run, with ledger, recording and law, is timed in pieces of 0.2 ms of one run from the scene's start,
 of which the median counts. Costs that a run has only once (set-up, its first piece) are in none of them. Such pieces

@@ -26,7 +26,7 @@ from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.target import Target
 
 
-class Belief:
+class NominalModel:
     """A model of the engine's own, of the scene that a law of chapters 4 to 6 accounts for, and where it is to go.
 
     Attributes:
