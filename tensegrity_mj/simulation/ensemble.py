@@ -26,7 +26,7 @@ from tensegrity_mj.simulation.single import provenance_of
 from tensegrity_mj.vibration.step_warnings import warn_before_run
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.jax.ensemble import JAXEnsemble
+    from tensegrity_mj.engines.jax.program import JAXEnsemble
     from tensegrity_mj.engines.jax.settings import JAX
     from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
     from tensegrity_mj.engines.mujoco.settings import MuJoCo

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco import prepared
 from tensegrity_mj.engines.mujoco import prepared as mujoco_prepared
-from tensegrity_mj.engines.mujoco.mjcf_tree import Names, body_tree, save_mjcf, scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_tree import Names, body_tree
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 

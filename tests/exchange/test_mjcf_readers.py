@@ -13,7 +13,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.mjcf_versions import WORDS, oldest
+from tensegrity_mj.engines.mujoco.mjcf_versions import FEATURES, oldest
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.exchange import import_scene, save_mjcf_for
 from tensegrity_mj.model import Contact, Heights
@@ -79,7 +79,7 @@ def places(root: ET.Element) -> dict[str, np.ndarray]:
 def test_a_file_has_only_words_that_its_reader_knows(name: str, tmp_path: Path) -> None:
     scene = tmj.load_scene(name)
     plain, none = written(scene, tmp_path, None)
-    newer = {(word["at"], word["key"]) for word in WORDS} | {("connect", "site2")}
+    newer = {(word["at"], word["key"]) for word in FEATURES} | {("connect", "site2")}
     said = {(one.tag, key) for one in plain.iter() for key in one.attrib}
     unknown = said - newer - {(tag, key) for tag, keys in FIRST.items() for key in keys.split()}
     assert not unknown  # a new word of the generator: see in which MuJoCo it came, and give it a row of WORDS

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import grimp
 import numpy as np
+import pytest
 from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,6 +38,17 @@ def test_data_stand_apart_from_analyses_in_annotations_too() -> None:
     circles = {label for name, label in zip(names, labels, strict=True) if name in joined and name.startswith(rooms)}
     assert len(circles) == 1, joined
     assert labels[names.index("tensegrity_mj.model.scene")] in circles
+
+
+@pytest.mark.parametrize("name", ["mujoco", "jax"])
+def test_options_of_an_engine_import_nothing_that_runs(name: str) -> None:
+    code = (
+        f"import sys, tensegrity_mj.engines.{name}.settings\n"
+        "found = {one.removeprefix('tensegrity_mj.engines.') for one in sys.modules if '.engines.' in one}\n"
+        f"assert found <= {{'accuracy', 'table', '{name}', '{name}.settings'}}, found\n"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert child.returncode == 0 or "MissingPackageError" in child.stderr, child.stderr
 
 
 def test_tests_import_nothing_from_other_tests() -> None:

@@ -16,8 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.fields import refused
-from tensegrity_mj.basics.kinds import number
 from tensegrity_mj.engines.accuracy.ladder import FIRST_STEP, HALF, STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
@@ -302,23 +300,3 @@ def _row(ladder: Ladder, rung: Rung) -> dict[str, Any]:
         "difference": ladder.differences[number - offset] if number >= offset and len(good) > 1 else None,
         "failure": "" if rung.failure is None else str(rung.failure),
     }
-
-
-LEAST, MOST = 1e-10, 1e-2  # m, what may be requested
-ACCURACY = number(f"from {LEAST:g} to {MOST:g} m", lambda x: LEAST <= x <= MOST)
-
-
-def check_accuracy(options: Any, chosen: Sequence[str]) -> None:
-    """Check the options of an engine whose accuracy chooses some of them.
-
-    Raises:
-        OptionError: where one of these is given with an accuracy.
-    """
-    for name in () if options.accuracy is None else chosen:
-        given = getattr(options, name)
-        if given != getattr(type(options), name):
-            raise refused(
-                options,
-                f"{name} = {getattr(given, 'value', given)!r} with accuracy = {options.accuracy:g} m: the accuracy "
-                "chooses it; leave out one of the two",
-            )

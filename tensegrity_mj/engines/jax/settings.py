@@ -125,7 +125,7 @@ class JAX:
 
     def ensemble(self, requests: Sequence[Request], threads: int) -> Any:
         """Many runs of RK4 on threads, for `simulate_many`."""
-        return import_module(f"{__package__}.ensemble").JAXEnsemble(self, requests, threads)
+        return _program().JAXEnsemble(self, requests, threads)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

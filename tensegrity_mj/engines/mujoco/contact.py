@@ -103,7 +103,10 @@ class Contacts:
         for row, state in enumerate(states):
             if not np.all(np.isfinite(state)):
                 continue  # of a run that diverged
-            self._solve(model, data, state)
+            parts = (data.qpos, data.qvel, data.ctrl, model.actuator_forcerange.ravel(), data.xfrc_applied.ravel())
+            for part, values in zip(parts, np.split(state, np.cumsum([part.size for part in parts[:-1]])), strict=True):
+                part[:] = values
+            mujoco.mj_forward(model, data)
             counts[row] = data.ncon
             for number, contact in enumerate(data.contact):
                 mujoco.mj_contactForce(model, data, number, local)
@@ -131,13 +134,6 @@ class Contacts:
             },
         }
         return ends, out, found
-
-    def _solve(self, model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
-        """The contacts and their forces at one recorded state."""
-        parts = (data.qpos, data.qvel, data.ctrl, model.actuator_forcerange.reshape(-1), data.xfrc_applied.reshape(-1))
-        for part, values in zip(parts, np.split(state, np.cumsum([part.size for part in parts[:-1]])), strict=True):
-            part[:] = values
-        mujoco.mj_forward(model, data)
 
     def _owners(self) -> NDArray[np.int64]:
         """Number of each geom's rod, or of its point mass after the rods, or -1."""

@@ -52,7 +52,8 @@ class MuJoCoEnsemble:
         self.batch = Batch(self.model, count, threads)
         self.models, self.members = [self.model] * count, cast("list[MuJoCoRun]", [None] * count)
         self.counters, self.tables = np.zeros((count, 6), np.int64), np.zeros(count, np.int64)
-        shared = [_share_model(one.scene, first) for one in requests]
+        parts = [[getattr(one.scene, what) for what in ("structure", "gravity", "contact")] for one in requests]
+        shared = [all(one is own or one == own for one, own in zip(part, parts[0], strict=True)) for part in parts]
         ready = [self.ready if same else self.prepare(one.scene) for same, one in zip(shared, requests, strict=True)]
         self.give_models(dict(enumerate(ready)))
         for number, request in enumerate(requests):
@@ -184,12 +185,6 @@ def check_motions(scene: Scene, first: Scene, tree: mjcf_tree.BodyTree) -> None:
             )
 
 
-def _share_model(scene: Scene, first: Scene) -> bool:
-    """Return whether a scene can use the first one's model."""
-    pairs = ((getattr(scene, what), getattr(first, what)) for what in ("structure", "gravity", "contact"))
-    return all(one is other or one == other for one, other in pairs)
-
-
 def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | None) -> None:
     """Have data at the start of a scene; `first`: what the model was made from, if another."""
     mujoco.mj_resetData(ready.model, data)
@@ -210,7 +205,7 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     The plant's table is that of a `RUN`, and its mode is continuous: nothing is kept from stage to stage.
     """
     scene = plant.scene
-    guide, answers = many.Guide(model), np.zeros(many.ANSWER_COUNT, np.int64)
+    guide, statuses = many.Guide(model), np.zeros(many.STATUS_COUNT, np.int64)
     ready = within(prepared_with(model, scene))
     plant.take(ready.table)
     plant.set(designed=np.array(scene.structure.rest_lengths), force_range=np.zeros((plant["string_count"], 2)))
@@ -218,7 +213,7 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
         set_supports(scene, ready.tree, model, plant)
     implicit_size = set_implicit_forces(scene, ready.tree, model, plant)
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
-    guide.set(law_table=plant.address, lent=lent, answers=answers)
+    guide.set(law_table=plant.address, lent=lent, statuses=statuses)
     guide.set(implicit_size=implicit_size, room=many.law_room(plant, implicit_size))
     with installed(guide, many.law_alone, lasting=True):
-        yield answers
+        yield statuses

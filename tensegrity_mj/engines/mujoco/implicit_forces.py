@@ -108,7 +108,7 @@ def links_at(room: int, count: int, nv: int) -> Links:
 def set_implicit_forces(scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table) -> int:
     """Set in the table of a run what compiled code reads of the trees of a scene's model; the numbers of its scratch.
 
-    Nothing where nothing answers accelerations: where no rod is in water, and no node is held.
+    Nothing where no rod is in water, and no node is held.
     """
     wet = bool(run["wet_rods"])
     if not (wet or scene.structure.constraints):
@@ -180,7 +180,7 @@ def _chain(model: mujoco.MjModel, dof: int) -> list[int]:
 
 @borrowing
 def add_implicit_forces(table: int, h: float) -> float:
-    """Add what answers accelerations to the nodal forces, which are all but those of strings; its power [W].
+    """Add these forces to the nodal forces, which are all but those of strings; their power [W].
 
     Gaps of constraints are measured if h > 0, the step [s] that begins to close them; 0: as last measured; < 0: none.
     """

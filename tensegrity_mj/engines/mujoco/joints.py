@@ -34,8 +34,8 @@ class JointForces:
         self.scene, self.tree, self.model, self.run = scene, tree, model, run
         structure = scene.structure
         self.state = int(model.nq + model.nv)
-        answers = structure.constraints or any(one.adds_mass for one in scene.effects)
-        self.width = self.state + (3 * len(structure.nodes) if answers else 0)
+        implicit = structure.constraints or any(one.adds_mass for one in scene.effects)
+        self.width = self.state + (3 * len(structure.nodes) if implicit else 0)
         self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
         ends = mjcf_tree.Names(scene, tree).ends
         # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
@@ -54,7 +54,7 @@ class JointForces:
 
         Args:
             time: (T,) [s].
-            rows: (T, ...) as recorded: those of `write_row` first; qpos, qvel and what answers accelerations last.
+            rows: (T, ...) as recorded: those of `write_row` first; qpos, qvel and implicit forces last.
             pushes: (T, R, 2, 3) [N] of contacts on both ends of each rod, which the model does not find again.
         """
         scene, structure = self.scene, self.scene.structure
@@ -113,8 +113,10 @@ class JointForces:
                 self._apply(data, np.concatenate([loads[row], pushes[row].reshape(-1, 3)]))
                 mujoco.mj_forward(model, data)
                 accelerations[row] = site_accelerations(model, data, self._ends.ravel()).reshape(R, 2, 3)
-                pulls[row] = self._pulls(data)
+                equality = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
                 for number, (site, own, *_) in enumerate(self._gaps):
+                    found = np.flatnonzero(equality & (data.efc_id == number))
+                    pulls[row, number, : len(found)] = data.efc_force[found]
                     gaps[row, number] = np.linalg.norm(data.site_xpos[site] - data.site_xpos[own])
         return accelerations, pulls, gaps
 
@@ -126,15 +128,6 @@ class JointForces:
             if body and force.any():
                 data.xfrc_applied[body, :3] += force
                 data.xfrc_applied[body, 3:] += np.cross(data.site_xpos[site] - data.xipos[body], force)
-
-    def _pulls(self, data: mujoco.MjData) -> Array:
-        """Forces (C, 3) [N] of each closure on the first of its rods."""
-        out = np.zeros((len(self._gaps), 3))
-        equality = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
-        for number in range(len(self._gaps)):
-            rows = np.flatnonzero(equality & (data.efc_id == number))
-            out[number, : len(rows)] = data.efc_force[rows]
-        return out
 
     def _end_forces(self, nodal: Array, pushes: Array, pulls: Array, accelerations: Array) -> Array:
         """Forces (T, R, 2, 3) [N] on each end of each rod: all but gravity."""

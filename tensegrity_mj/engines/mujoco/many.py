@@ -55,7 +55,7 @@ from tensegrity_mj.errors import MissingLibraryError
 
 TABLE_SIZE = len(RUN)
 PARAMETERS = 10  # numbers that mjModel has for the gain and for the bias of each actuator
-OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a law's status
+OTHER_STRINGS, STATUS_COUNT = 4, 5  # places of the statuses, after those of a law
 # What a law alone writes of a run's table: room on the stack is lent to it.
 LENT = (
     *("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved"),
@@ -79,12 +79,12 @@ GUIDE = fields_of(
     running=("i8", "run_count"),
     # What outlives an MjData: the place in a run's table, the address for the first run, and bytes from run to run.
     copies=("i8", "copy_count", 3),
-    # A law alone: the table that is copied, places and sizes of what is lent, and what was answered.
+    # A law alone: the table that is copied, places and sizes of what is lent, and statuses.
     law_table="size",
     lent=("i8", "lent_count", 2),
-    implicit_size="size",  # numbers of scratch for what answers accelerations, and in all
+    implicit_size="size",  # numbers of scratch for `implicit_forces`, and in all
     room="size",
-    answers=("i8", ANSWER_COUNT),
+    statuses=("i8", STATUS_COUNT),
 )
 _GuideView, _ = view_of("Guide", **dict(GUIDE))
 
@@ -201,11 +201,11 @@ def _command(guide: Any, data: int, table: int) -> int:
 
 @owning
 def stage_of_a_law(guide: Any, model: int, data: int) -> None:
-    """A stage under a law alone. Where the law has no answer the controls stay, and the answer is marked."""
+    """A stage under a law alone. Where the law has no solution the controls stay, and its status is marked."""
     if not _is_ours(guide, model):
         return
     if not _has_our_strings(guide, model):
-        guide.answers[OTHER_STRINGS] = 1
+        guide.statuses[OTHER_STRINGS] = 1
         return
     if guide.room <= STACK_LIMIT:
         status = _command(guide, data, stack_doubles(guide.room))
@@ -214,7 +214,7 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
         status = _command(guide, data, address(heap))
         heap[0] = 0.0  # alive until here
     if status != SOLVED:
-        guide.answers[status] = 1  # threads only ever write the same
+        guide.statuses[status] = 1  # threads only ever write the same
 
 
 @c_function(CALLBACK, "the callback of many simulations in MuJoCo")
@@ -241,7 +241,7 @@ def law_alone(model, data):  # type: ignore[no-untyped-def]
 
 
 def law_room(plant: Plant, implicit_size: int = 0) -> int:
-    """Numbers of scratch that a law alone needs, with those for what answers accelerations."""
+    """Numbers of scratch that a law alone needs, with those for `implicit_forces`."""
     return TABLE_SIZE + sum(plant[name].size for name in LENT) + implicit_size + room_of_elements(plant)
 
 

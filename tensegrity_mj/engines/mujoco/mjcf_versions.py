@@ -11,7 +11,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
 from tensegrity_mj.errors import OptionError
 
 TABLE = table_beside(__file__)
-WORDS: list[dict[str, Any]] = TABLE["words"]
+FEATURES: list[dict[str, Any]] = TABLE["features"]
 SAID = "Loads in MuJoCo"  # so begins the comment
 OF_DRAKE = (
     "Drake reads bodies, joints, shapes and loops alone: its user adds strings, contact's stiffness, step and start"
@@ -34,7 +34,7 @@ def parts(version: str) -> tuple[int, ...]:
 
 def oldest(root: ET.Element) -> str:
     """The oldest MuJoCo that loads a model."""
-    said = [word["since"] for word in WORDS if _having(root, word)]
+    said = [feature["since"] for feature in FEATURES if _having(root, feature)]
     return max(said, key=parts, default=str(TABLE["oldest"]))
 
 
@@ -58,16 +58,18 @@ def fit(root: ET.Element, reader: str) -> list[str]:
     if reader == "drake":
         _part_names(root)
         _carry_sites(root)
-    for word in WORDS:
-        known = reader not in word.get("strangers", ()) if version is None else parts(word["since"]) <= version
-        for element in [] if known else _having(root, word):
-            if "needs" in word:
-                newer = "" if version is None else f"; MuJoCo {word['since']} does"
-                raise OptionError(f"{who} does not know {word['needs']}{newer}: this scene cannot be written for it")
-            if "lost" in word:
-                del element.attrib[word["key"]]
-                notes.append(f"the {word['at']} {word['key']} is left out, which {who} does not know: {word['lost']}")
-            elif word["instead"] == "bodies":
+    for feature in FEATURES:
+        known = reader not in feature.get("strangers", ()) if version is None else parts(feature["since"]) <= version
+        for element in [] if known else _having(root, feature):
+            if "needs" in feature:
+                newer = "" if version is None else f"; MuJoCo {feature['since']} does"
+                raise OptionError(f"{who} does not know {feature['needs']}{newer}: this scene cannot be written for it")
+            if "lost" in feature:
+                del element.attrib[feature["key"]]
+                notes.append(
+                    f"the {feature['at']} {feature['key']} is left out, which {who} does not know: {feature['lost']}"
+                )
+            elif feature["instead"] == "bodies":
                 _connect_bodies(root, element)
             else:
                 element.tag = "joint"
@@ -85,9 +87,9 @@ def _loses_order(root: ET.Element) -> bool:
     return turning and any(option.get("integrator") == "RK4" for option in root.iter("option"))
 
 
-def _having(root: ET.Element, word: dict[str, Any]) -> list[ET.Element]:
-    key, meant = word["key"], word.get("value")
-    return [one for one in root.iter(word["at"]) if not key or (key in one.attrib and meant in (None, one.get(key)))]
+def _having(root: ET.Element, feature: dict[str, Any]) -> list[ET.Element]:
+    key, meant = feature["key"], feature.get("value")
+    return [one for one in root.iter(feature["at"]) if not key or (key in one.attrib and meant in (None, one.get(key)))]
 
 
 def _part_names(root: ET.Element) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, positive
-from tensegrity_mj.engines.accuracy.search import ACCURACY, check_accuracy
+from tensegrity_mj.engines.accuracy import ACCURACY, check_accuracy
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
@@ -40,7 +40,7 @@ SCHEMES = {
     Integrator.DISCRETE: Scheme.LINEARLY_IMPLICIT,
 }
 
-WORDS = {Integrator.EULER: "Euler", Integrator.RK4: "RK4"}  # MuJoCo's own; those of the others are their values
+NAMES = {Integrator.EULER: "Euler", Integrator.RK4: "RK4"}  # MuJoCo's own; those of the others are their values
 
 
 @value("MuJoCo", OptionError)
@@ -93,7 +93,7 @@ class MuJoCo:
     @property
     def word(self) -> str:
         """Name of the integrator in MuJoCo."""
-        return WORDS.get(self.integrator, self.integrator.value)
+        return NAMES.get(self.integrator, self.integrator.value)
 
     @property
     def stepping(self) -> Stepping:

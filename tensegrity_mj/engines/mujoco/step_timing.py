@@ -197,7 +197,14 @@ def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[fl
     return statistics.median(run.pieces), int(run.counters[STEP]) * engine.timestep
 
 
-# Variants of a scene's model, by what they have more (for contact that is there: less).
+# Variants of a scene's model, by what they have more (for contact that is there: less): edits of its specification,
+# which return whether they change anything.
+Edit = Callable[[Any, Scene], bool]
+_EDITS: dict[str, Edit] = {}
+
+
+def _edit(what: str) -> Callable[[Edit], Edit]:
+    return lambda edit: _EDITS.setdefault(what, edit)
 
 
 def variants(scene: Scene) -> dict[str, mujoco.MjModel]:
@@ -213,8 +220,14 @@ def _switch_contact(spec: Any, contype: int, conaffinity: int) -> None:
         geom.contype, geom.conaffinity = contype, conaffinity
 
 
+@_edit(CONTACT)
+def _without_contact(spec: Any, scene: Scene) -> bool:
+    spec.option.disableflags |= _NO_CONTACT
+    return scene.contact is not None
+
+
+@_edit("contact with a floor, without a touch")
 def _with_floor(spec: Any, scene: Scene) -> bool:
-    """Contact with a floor far below."""
     if scene.contact is not None:
         return False
     _switch_contact(spec, 0, 1)
@@ -224,8 +237,8 @@ def _with_floor(spec: Any, scene: Scene) -> bool:
     return True
 
 
+@_edit("contact between rods, without a touch")
 def _with_rods(spec: Any, scene: Scene) -> bool:
-    """Contact between rods, where they are apart, and share no nodes."""
     if scene.contact is not None or len(scene.structure.rods) < 2 or scene.structure.class_number > 1:
         return False
     if np.any(rod_gaps(scene.structure, scene.nodes0)[1] <= 0):
@@ -234,13 +247,8 @@ def _with_rods(spec: Any, scene: Scene) -> bool:
     return True
 
 
-def _without_contact(spec: Any, scene: Scene) -> bool:
-    spec.option.disableflags |= _NO_CONTACT
-    return scene.contact is not None
-
-
+@_edit("ball and free joints in the plane")
 def _with_spatial_joints(spec: Any, scene: Scene) -> bool:
-    """Ball and free joints where rods stay in a plane."""
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for joint in hinges:
         joint.type = mujoco.mjtJoint.mjJNT_BALL
@@ -255,16 +263,16 @@ def _set_free(spec: Any, body: Any) -> None:
     body.add_freejoint()
 
 
+@_edit("a sensor a string")
 def _with_sensors(spec: Any, scene: Scene) -> bool:
-    """The tension of each string as a sensor."""
     kinds = {"type": mujoco.mjtSensor.mjSENS_TENDONACTFRC, "objtype": mujoco.mjtObj.mjOBJ_TENDON}
     for string in scene.structure.strings:
         spec.add_sensor(**kinds, objname=string.name)
     return bool(scene.structure.strings)
 
 
+@_edit("pins as constraint rows")
 def _with_rows(spec: Any, scene: Scene) -> bool:
-    """Pinned rods that are free bodies tied to the world by constraint rows."""
     spec.option.disableflags &= ~mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value
     pairs = zip(spec.worldbody.bodies, scene.structure.rods, strict=False)
     pinned = [body for body, rod in pairs if rod.support.translation_basis.shape[1] == 0]
@@ -275,23 +283,13 @@ def _with_rows(spec: Any, scene: Scene) -> bool:
     return bool(pinned)
 
 
+@_edit("gravity")
 def _with_gravity(spec: Any, scene: Scene) -> bool:
     spec.option.gravity = (0, 0, -9.81)
     return not any(scene.gravity)
 
 
+@_edit("MuJoCo's energy")
 def _with_energy(spec: Any, scene: Scene) -> bool:
     spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     return True
-
-
-_EDITS: dict[str, Callable[[Any, Scene], bool]] = {
-    CONTACT: _without_contact,
-    "contact with a floor, without a touch": _with_floor,
-    "contact between rods, without a touch": _with_rods,
-    "ball and free joints in the plane": _with_spatial_joints,
-    "a sensor a string": _with_sensors,
-    "pins as constraint rows": _with_rows,
-    "gravity": _with_gravity,
-    "MuJoCo's energy": _with_energy,
-}

@@ -11,9 +11,10 @@ from typing import Any
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, number, positive, whole
+from tensegrity_mj.engines.accuracy import ACCURACY, check_accuracy
 from tensegrity_mj.engines.accuracy.ladder import ATOL_OF_RTOL, LEAST_TOLERANCE, Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
-from tensegrity_mj.engines.accuracy.search import ACCURACY, FEWEST_STEPS, check_accuracy, find, fixed_steps, round_off
+from tensegrity_mj.engines.accuracy.search import FEWEST_STEPS, find, fixed_steps, round_off
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.reference import adaptive, equations, integration
 from tensegrity_mj.engines.reference.method import Method
