@@ -26,7 +26,6 @@ from nodal import solve
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.engine import node_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
 from tensegrity_mj.engines.mujoco.prepared import prepared_with, within
@@ -72,7 +71,7 @@ def places_and_speeds(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) 
 
 def accelerations(scene: Scene) -> Array:
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, None, False)
-    return node_accelerations(MuJoCoRun(tmj.MuJoCo(), request))(0.0, scene.nodes0, scene.velocities0)[1]
+    return tmj.MuJoCo().accelerations(request)(0.0, scene.nodes0, scene.velocities0)[1]
 
 
 # Trees ---------------------------------------------------------------------------------------------------

@@ -17,10 +17,8 @@ from nodal import solve
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.engine import node_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import DRIVE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import moved_directions
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model import rods
@@ -194,7 +192,7 @@ def test_accelerations_on_moved_supports_are_those_of_the_nodal_equations(phase:
     motion = Motion("r0", (Harmonic((0.05, 0.02, -0.03), 6.0, phase),))
     scene = shaken_chain(motion).with_(loads=(Load("n2", (0.5, 0.3, 0.1)),))
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, None, False)
-    places, found = node_accelerations(MuJoCoRun(tmj.MuJoCo(), request))(0.0, scene.nodes0, scene.velocities0)
+    places, found = tmj.MuJoCo().accelerations(request)(0.0, scene.nodes0, scene.velocities0)
     wanted = solve(scene, scene.nodes0, scene.velocities0)[0]
     # The drive gives way by 1e-14 of what the rods weigh, d̈ is read to a rounding, and C M⁻¹ Cᵀ is conditioned to 1e4.
     assert np.abs(found - wanted).max() < 1e4 * 100 * EPS * np.abs(wanted).max()

@@ -182,7 +182,8 @@ class Program:
             OptionError: for parameters of other names or shapes, where DOPRI8 is differentiated the other way than
                 `derivatives` says.
         """
-        at, state, held = begun(self.model, alike(parameters, self.parameters))
+        at = self.model.prepare(alike(parameters, self.parameters))
+        state, held = self.model.start(at)
         parts = []
         for piece in self.steps.pieces(lambda rows: [rows]):
             try:
@@ -226,7 +227,8 @@ class Program:
         model, take = self.model, self.steps.advance
 
         def begin(model: Model, p: Any) -> tuple[Prepared, State, Held, Any]:
-            at, state, held = begun(model, p)
+            at = model.prepare(p)
+            state, held = model.start(at)
             if self.model.law is None:  # there is always a command
                 return at, state, held, None
             t, whole = self.request.begin, (self.request.scene.break_times > self.request.begin).astype(float)
@@ -306,12 +308,6 @@ def _instants(engine: JAX, times: ArrayLike, duration: float | None, interval: f
     if found.ndim != 1 or len(found) < 2 or found[0] < begin or np.any(np.diff(found) <= 0):
         raise OptionError(f"times = {value_text(times)}; two or more must rise from {begin:g} s or later")
     return found
-
-
-def begun(model: Model, parameters: Any) -> tuple[Prepared, State, Held]:
-    """Return what a run begins with: what is prepared, the state, and the values held."""
-    at = model.prepare(parameters)
-    return at, *model.start(at)
 
 
 def alike(given: Any, own: Any) -> Any:

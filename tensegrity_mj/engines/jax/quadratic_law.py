@@ -65,7 +65,7 @@ def quadratic_law(law: Any, structure: Structure) -> ArrayLaw:
         across = e[P:]
         if onto is not None:
             axis = (q if onto == "current" else aim)[P:]
-            across = across - axis * (_inner(axis, across) / _inner(axis, axis))[:, None]
+            across = across - axis * (jnp.sum(axis * across, axis=1) / jnp.sum(axis * axis, axis=1))[:, None]
         error = velocity = 0.0
         blocks = ((p["translation"], z_gains, e[:P], e_rates[:P]), (p["rotation"], b_gains, across, e_rates[P:]))
         for gains, own, e_own, rate in blocks:
@@ -119,10 +119,6 @@ def _scaled(gain: Any, own: Any, vectors: Any) -> Any:
     if np.ndim(own) == 1:
         return lifted(gain, vectors[:, 0])[:, None] * vectors
     return jnp.einsum("rij...,rj...->ri...", lifted(gain, vectors[:, None]), vectors)
-
-
-def _inner(a: Any, b: Any) -> Any:
-    return jnp.sum(a * b, axis=1)
 
 
 def least_squares(v: Any, alpha: Any) -> tuple[Any, Any]:

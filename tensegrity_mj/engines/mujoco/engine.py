@@ -15,19 +15,13 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco import install, joints, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
-from tensegrity_mj.engines.mujoco.prepared import give_back, prepared
+from tensegrity_mj.engines.mujoco.prepared import give_back
 from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.forest import spanning_forest
-from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
-
-
-def model(options: MuJoCo, scene: Scene) -> mujoco.MjModel:
-    """Compile the model of a scene; see `MuJoCo.model`."""
-    return prepared(scene, options.timestep, options.word).model
 
 
 def run(options: MuJoCo, request: Request) -> Trajectory:
@@ -41,16 +35,12 @@ def run(options: MuJoCo, request: Request) -> Trajectory:
 
 
 def accelerations(options: MuJoCo, request: Request) -> Accelerations:
-    """Accelerations of the nodes in the model that `run` steps."""
-    return node_accelerations(MuJoCoRun(options, request))
-
-
-def node_accelerations(run: MuJoCoRun) -> Accelerations:
     """See `engines.request.Accelerations`. The engine's callback sets controls and loads, as in a run.
 
     Joints that close loops are rigid here (`close_rigidly`), which a run has soft.
     """
-    model, data, scene = run.model, run.data, run.request.scene
+    run, scene = MuJoCoRun(options, request), request.scene
+    model, data = run.model, run.data
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     run.plant["stages"] = 4  # a stage is no step: states of elements stay those of the start
     sites = np.array([model.site(name).id for name in scene.structure.nodes])

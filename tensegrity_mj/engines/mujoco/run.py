@@ -10,23 +10,13 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import warn_caller
+from tensegrity_mj.dynamics.native import slack
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, integers
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.dynamics.native.slack import (
-    JUMP_WITHIN,
-    MOST_SPLITS,
-    begin_search,
-    end_search,
-    follows_law,
-    look_at_end,
-    look_at_start,
-    look_at_trial,
-    next_part,
-    search_of,
-)
+from tensegrity_mj.dynamics.native.slack import follows_law, look_at_end, look_at_start, look_at_trial
 from tensegrity_mj.dynamics.native.strings import measure_strings
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines import continuing, driving, requirements
@@ -353,7 +343,7 @@ class LocatedRun(MuJoCoRun):
         super().__init__(options, request)
         data, plant = self.data, self.plant
         self._evaluations = 0
-        self._search = search_of(plant["string_count"], plant["curved"])
+        self._search = slack.search_of(plant["string_count"], plant["curved"])
         step = plant.place("step")
         own = (
             self.counters,
@@ -380,17 +370,17 @@ class LocatedRun(MuJoCoRun):
 
     def _warm_up(self) -> None:
         super()._warm_up()
-        blank, search, saved = Table("blank", run_view.RUN), search_of(0), self._saved[:0]
+        blank, search, saved = Table("blank", run_view.RUN), slack.search_of(0), self._saved[:0]
         blank.set(counters=np.full(len(self.counters), -1), work=np.zeros(3), powers=np.zeros(3))
         table, at = blank.address, search.address
         after_first_stage(table, saved, at, False)
         after_last_stage(table, 0.0, 1.0, at)
         copy_state(saved, SOURCE, AT_END)
-        begin_search(table, at, 1.0)
-        next_part(table, at, 1.0)
+        slack.begin_search(table, at, 1.0)
+        slack.next_part(table, at, 1.0)
         begin_trial(table, saved, 1.0)
         after_trial(table, 0.0, 1.0, at)
-        end_search(table, at)
+        slack.end_search(table, at)
 
     def _advance(self, first: int, count: int) -> None:
         if not self.plant["string_count"]:
@@ -428,24 +418,24 @@ class LocatedRun(MuJoCoRun):
         table, search, step = self.plant.address, self._search.address, self.options.timestep
         t, left, end = number * step, step, (number + 1) * step
         time = 0.0
-        for split in range(MOST_SPLITS + 1):
+        for split in range(slack.MOST_SPLITS + 1):
             if not self._first_stage(UNSEEN if split else SEEN):
                 # A law that fails at the start of a part leaves no row, as one that does within a step.
                 self.counters[run_view.STAGE] = max(self.counters[run_view.STAGE], split > 0)
                 return False
-            after_first_stage(table, self._saved, search, split == MOST_SPLITS)
+            after_first_stage(table, self._saved, search, split == slack.MOST_SPLITS)
             if not self._other_stages():
                 return False
             self._see()
             change = after_last_stage(table, end, left, search)
             if split == 0:
                 time = self.data.time
-            if change <= 0.0 or split == MOST_SPLITS:
+            if change <= 0.0 or split == slack.MOST_SPLITS:
                 break
             copy_state(self._saved, SOURCE, AT_END)
-            begin_search(table, search, change)
+            slack.begin_search(table, search, change)
             self._try_parts(t, left)
-            part = end_search(table, search)
+            part = slack.end_search(table, search)
             if self.counters[run_view.ENDED] != run_view.RUNNING:
                 return False
             if part == 0.0:
@@ -454,7 +444,7 @@ class LocatedRun(MuJoCoRun):
                 break
             t += part * left
             left = end - t
-            if left <= JUMP_WITHIN * step:
+            if left <= slack.JUMP_WITHIN * step:
                 self._see()
                 break
             self.counters[run_view.STEP] = number
@@ -467,7 +457,7 @@ class LocatedRun(MuJoCoRun):
     def _try_parts(self, t: float, h: float) -> None:
         """Take parts of a step of h [s] from t until the state is that just after the instant of a change."""
         table, search = self.plant.address, self._search.address
-        while (part := next_part(table, search, h)) > 0.0:
+        while (part := slack.next_part(table, search, h)) > 0.0:
             begin_trial(table, self._saved, part * h)
             self._set_part(t, part * h)
             if not self._other_stages():

@@ -113,7 +113,7 @@ class MuJoCo:
                 of mass or a capsule to another place than the structure's.
             OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
-        return _engine().model(self, scene)
+        return import_module(f"{__package__}.prepared").prepared(scene, self.timestep, self.word).model
 
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of the compiled model's buffer and of one data object's: its arrays and its arena, taken whole."""
