@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,6 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.runs.comparison import DIFFERENCES, UNITS
 
 if TYPE_CHECKING:
     Run = runs.Trajectory | runs.Table
@@ -25,13 +25,21 @@ OF_SIMULATIONS = (
     *("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS),
     *("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS),
 )
-# Texts of a comparison's numbers, with units.
-WORDS = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
-WORDS["rms_node_error"] = ("RMS node error", "m")
+
+
+@functools.cache
+def words_of_differences() -> dict[str, tuple[str, str]]:
+    """Return the texts of a comparison's numbers, with units."""
+    from tensegrity_mj.runs.comparison import DIFFERENCES
+
+    found = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
+    return {**found, "rms_node_error": ("RMS node error", "m")}
 
 
 def tolerance(text: str) -> tuple[str, float]:
     """argparse type: a number, or UNIT=NUMBER; the unit, or "" for all, and the number."""
+    from tensegrity_mj.runs.comparison import UNITS
+
     unit, equals, number_ = text.rpartition("=")
     if equals and unit not in UNITS:
         raise argparse.ArgumentTypeError(f"{text!r}: write UNIT=NUMBER, with a unit among {', '.join(UNITS)}")
@@ -66,7 +74,7 @@ def execute(options: argparse.Namespace) -> common.Outcome:
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:
         # Stopped where it began: there is nothing to compare.
-        numbers: dict[str, Any] = {**dict.fromkeys(WORDS), "first_exceeded": {}, "tolerances": {}}
+        numbers: dict[str, Any] = {**dict.fromkeys(words_of_differences()), "first_exceeded": {}, "tolerances": {}}
         judgement = judgement_of_runs([first, second])
         plot = None
     else:
@@ -106,7 +114,7 @@ def describe(data: dict[str, Any]) -> str:
         ("first", data["first"]),
         ("second", data["second"]),
     ]
-    rows += [_difference(data, name) for name in WORDS if data[name] is not None]
+    rows += [_difference(data, name) for name in words_of_differences() if data[name] is not None]
     rows += [
         (f"node error of the {name}, estimated", common.number(error, "m"))
         for name in ("first", "second")
@@ -117,8 +125,8 @@ def describe(data: dict[str, Any]) -> str:
 
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
-    """Text of one of `WORDS`."""
-    words, unit = WORDS[name]
+    """Text of one of these numbers."""
+    words, unit = words_of_differences()[name]
     return words, quantity(data[name], unit, 4)
 
 
@@ -152,7 +160,7 @@ def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path
     for name in ("rms_node_error", *(f"max_{one}" for one in found.compared)):
         error = found.resampling_error[name.removeprefix("max_").removeprefix("rms_")]
         rows.append(_difference(numbers, name))
-        rows.append(("  of it by interpolation, estimated", quantity(error, WORDS[name][1], 4)))
+        rows.append(("  of it by interpolation, estimated", quantity(error, words_of_differences()[name][1], 4)))
     rows += [(f"largest at {node}", quantity(error, "m", 4)) for node, error in found.by_node.items()]
     rows += [("written", str(plot))] if plot else []
     return common.Outcome(data, common.table(rows), judgement=Judgement("", within(found)), warned=True)
