@@ -35,10 +35,8 @@ from tensegrity_mj.commands import (
     validate,
     view,
 )
-from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
-from tensegrity_mj.commands.installed import commands_of_others
-from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
+from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build, commands_of_others, prepare
 
 GROUPS: Groups = {
     "simulate and see": {

@@ -29,8 +29,8 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies.known_elements import scene_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_study
+from tensegrity_mj.studies.sweep import scene_of
 from tensegrity_mj.vibration.integrators import largest_frequency
 from tensegrity_mj.vibration.small_motions import vibration
 from tensegrity_mj.vibration.stepping import Scheme

@@ -20,8 +20,8 @@ count = partial(whole, most=10**6)
 def execute(options: argparse.Namespace) -> Outcome:
     """Predict, measure, and write what the options name."""
     from tensegrity_mj.studies.stability.cases import AXES
-    from tensegrity_mj.studies.stability.page import judgement_of
-    from tensegrity_mj.studies.stability.report import describe, study_stability
+    from tensegrity_mj.studies.stability.page import describe, judgement_of
+    from tensegrity_mj.studies.stability.study import study_stability
 
     scene, folder = library.load_scene(options.scene), options.out
     maps = () if options.maps is None else tuple(options.maps or AXES)

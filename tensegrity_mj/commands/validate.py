@@ -8,6 +8,8 @@ from tensegrity_mj import studies
 from tensegrity_mj.commands.common import Outcome, wrote
 from tensegrity_mj.commands.experiment import law_options_of
 
+GIVEN = ("engines", "duration", "timestep", "control_period", "seed", "quick")
+
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
@@ -19,13 +21,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         options.law or SCENE_LAW,
         law_options=law_options_of(options),
         folder=options.out,
-        engines=options.engines,
         sections=options.only,
-        duration=options.duration,
-        timestep=options.timestep,
-        control_period=options.control_period,
-        seed=options.seed,
-        quick=options.quick,
+        **{name: getattr(options, name) for name in GIVEN},
         workers=studies.Workers(options.workers),
         progress=True,
     )

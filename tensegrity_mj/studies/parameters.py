@@ -1,35 +1,14 @@
 """Parameters by name, such as `structure.rods[rod1].mass` and `law.decay_rate`, and the experiment that they describe.
 
-    family.stages, .stiffness, ...                       arguments of the family whose call the scene is given by
-    scene.gravity, .duration                             also scene.gravity.x, .y, .z
-    scene.initial_nodes[NODE], .initial_velocities[NODE] also with .x, .y, .z
-    scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
-    scene.breaks[STRING].time                            when a string breaks [s]
-    scene.contact.friction, .rods, .normal, ...          of a scene that has contact
-    scene.water.density, .weights, .current.x, ...       of a scene that has water; .waves.phase of all, or waves[0]
-    scene.motions.amplitude, .frequency, .phase          of supports; motions[SUPPORT]: of one
-    scene.resistance.viscous, .wind, .drag.normal, ...   also .bending.stiffness, .bending.damping
-    scene.water.density, .depth, .current, ...           any field of a scene's water
-    scene.elements[KIND].FIELD, .elements[0].FIELD       of all elements of a kind, or of one by its number
-    scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
-    structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
-    structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses; a stiffness
-                                                         scales a tension curve, as .curve=*1.2 does
-    structure.bodies.inertia, .constraints.direction     rows of numbers; also with .x, .y, .z
-    structure.nodes[NODE]                                reference positions; also with .x, .y, .z
-    structure.string_law                                 clipped, unclipped
-    plant....                                            as structure.... and scene...., but of what is simulated only:
-                                                         the law keeps believing in the nominal structure and scene
-    law                                                  a name of `controllers.LAWS`, path.py:name or module:name of
-                                                         one's own, or none
-    law.decay_rate, law.norm, ...                        the law's options
-    engine                                               mujoco, dae, ode
-    engine.timestep, engine.rtol, ...                    the options of the engine's class
-    actuation, actuation.period                          continuous, hold force density, hold rest length; [s]
-    on_infeasible, output_interval                       stop, passive; [s]
+The paths begin with family, scene, structure, plant, law, engine, actuation, on_infeasible or output_interval;
+docs/studies.md lists them. Parts of `plant` are those of `structure` and `scene`, but of what is simulated only: the
+law keeps believing in the nominal structure and scene.
 
 A value is a number, a text, a truth value, a list (vectors), or `Scaled(factor)`: that many times what it was. Changes
 are made in the order family, structure, scene, plant, all else; those of a whole before those of its parts.
+
+What a law commands reaches the plant's strings as rest lengths. A winch that believes in the stiffness k̂ sets
+L0 = L (1 - u/k̂) for the force density u of the law; a string of stiffness k then has k (1 - L0/L) = u k/k̂.
 """
 
 from __future__ import annotations
@@ -39,15 +18,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from tensegrity_mj.basics.checks import check_known, choice_from
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.scenes import SCENE_LAW
 from tensegrity_mj.controllers.specs import NO_LAW, make, own_of, spec_of
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import SOLVED, WITHIN, Command, NativeLaw, native_law, wrapped
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, call_law, floats
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, option_names
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.parameter_values import MEMBER, Scaled, decoded, number_from, scaled
 from tensegrity_mj.studies.scene_parameters import MEMBERS, changed_scene
 
@@ -106,8 +92,6 @@ class Draft:
                 options[name] = scaled(f"law.{name}", value, given.get(name))
         law = make(spec, self.scene, options)
         if self.plant is not None:
-            from tensegrity_mj.studies.nominal import NominalWinches
-
             return NominalWinches.between(law, self.scene.structure, self.plant.structure)
         return law
 
@@ -230,3 +214,62 @@ def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
     check_known(path, option, known, "option of an engine")
     base = draft.engine_options.get(option)
     draft.engine_options[option] = scaled(path, value, base) if isinstance(value, Scaled) and base else value
+
+
+_Winches, _pack_winches = view_of(
+    "NominalWinches",
+    **WITHIN,
+    ratio=("f8", "string_count"),  # of stiffnesses k/k̂
+)
+
+
+@c_function(LAW_SIGNATURE, "a law that believes in another stiffness of the strings")
+def _nominal(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
+    own = _Winches(context)
+    status = call_law(own.law, t, nodes, velocities, own.context, command, report)
+    if status == SOLVED:
+        u = floats(command, (own.string_count,))
+        for m in range(len(u)):
+            u[m] *= own.ratio[m]
+    return status
+
+
+@dataclass(frozen=True, eq=False)
+class NominalWinches:
+    """A law whose force densities are set by winches that believe in the nominal stiffness.
+
+    Attributes:
+        law: the law, or a Python function.
+        nominal: what the law and the winches believe in.
+        plant: what is simulated.
+    """
+
+    law: Any
+    nominal: Structure
+    plant: Structure
+
+    @classmethod
+    def between(cls, law: Any, nominal: Structure, plant: Structure) -> Any:
+        """The law itself where stiffnesses are equal, or where it commands rest lengths, which need none."""
+        nominal, plant = nominal.massless, plant.massless
+        lengths = getattr(law, "command", Command.FORCE_DENSITY) is Command.REST_LENGTH
+        return law if lengths or np.array_equal(nominal.stiffness, plant.stiffness) else cls(law, nominal, plant)
+
+    def __call__(self, time: float, nodes: Any, velocities: Any) -> Any:
+        """Force densities (M,) [N/m] of the plant's strings."""
+        return np.asarray(self.law(time, nodes, velocities)) * self._ratio
+
+    @property
+    def _ratio(self) -> Any:
+        return self.plant.stiffness / self.nominal.stiffness
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """Return the compiled law, with the same conversion of its force densities."""
+        inner = native_law(self.law, self.nominal)
+        packed = _pack_winches(law=inner.address, context=inner.context, ratio=self._ratio)
+        return wrapped(inner, _nominal, packed)
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        description = native_law(self.law, self.nominal).description or {}
+        return {**description, "nominal_stiffness": self.nominal.stiffness.tolist()}

@@ -20,8 +20,7 @@ from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.studies import parameter_values
-from tensegrity_mj.studies.axes import Draw
-from tensegrity_mj.studies.parameter_values import changed
+from tensegrity_mj.studies.parameter_values import Draw, changed
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from tensegrity_mj.basics import kinds
-from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.fields import field, kind_of, register, registered, value
 from tensegrity_mj.controllers.own import Spec, is_own
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw
 from tensegrity_mj.controllers.specs import own_of, spec_of
@@ -22,13 +24,15 @@ from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.library.named import is_family_call, load_scene
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies import attempt, known_elements, many, parameter_values, plain, scene_parameters, table
-from tensegrity_mj.studies.axes import Axis, Choice, Draw, Together, Vary
+from tensegrity_mj.studies import attempt, many, parameter_values, plain, scene_parameters, table
+from tensegrity_mj.studies.parameter_values import Axis, Choice, Draw, Together, Vary
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.workers import Workers, workers_for
 
@@ -119,7 +123,7 @@ class Sweep:
         engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
         return {
             **({"family": self.family} if self.family else {}),
-            **known_elements.elements_of(cast(Scene, self.scene)),
+            **elements_of(cast(Scene, self.scene)),
             "scene": scene_to_toml(cast(Scene, self.scene)),
             "law": self._law,
             **({"own_laws": self._own_laws} if self._own_laws else {}),
@@ -173,16 +177,11 @@ class Sweep:
         Engines and actuations must be possible in every combination. A value that the structure or the law refuses is
         no mistake of the sweep: its point fails as data.
         """
-        seen: set[str] = set(self.fixed)
-        singles: list[tuple[str, Any]] = list(self.fixed.items())
-        for axis in self.axes:
-            for one in axis.axes:
-                _once(one.parameter, seen)
-                if "[*]" in one.parameter:
-                    raise OptionError(f"{one.parameter}: [*] is for draws; without it all of them take the value")
-                singles += [(one.parameter, value) for value in one.values]
-        for draw in self.draws:
-            _once(draw.parameter, seen)
+        axes = [one for axis in self.axes for one in axis.axes]
+        parameter_values.once([*self.fixed, *(one.parameter for one in axes), *(draw.parameter for draw in self.draws)])
+        if each := next((one.parameter for one in axes if "[*]" in one.parameter), ""):
+            raise OptionError(f"{each}: [*] is for draws; without it all of them take the value")
+        singles = [*self.fixed.items(), *((one.parameter, value) for one in axes for value in one.values)]
         for spec in [*([self._law] if self._law is not None else []), *self._own_laws.values()]:
             own_of(spec)
         singles += self.sample(0).items()
@@ -222,9 +221,9 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | attempt.WithFiles:
 
 def drafted(common: Mapping[str, Any]) -> Draft:
     """The experiment of what all points of a sweep share."""
-    known_elements.know_elements(common.get("elements", {}))
+    know_elements(common.get("elements", {}))
     return Draft(
-        scene=known_elements.scene_of(common["scene"]),
+        scene=scene_of(common["scene"]),
         family=common.get("family", ""),
         law_spec=common["law"],
         own_laws=common.get("own_laws", {}),
@@ -243,7 +242,34 @@ def _content(run: Trajectory) -> bytes:
         return run.save(Path(folder) / TRAJECTORY).read_bytes()
 
 
-def _once(parameter: str, seen: set[str]) -> None:
-    if parameter in seen:
-        raise OptionError(f"{parameter}: it is given twice; give each parameter once")
-    seen.add(parameter)
+def elements_of(scene: Scene) -> dict[str, Any]:
+    """Return where a process of a study finds the classes of a scene's elements that a call has registered here."""
+    kinds = {kind_of(type(element)): type(element) for element in scene.elements}
+    places = {kind: f"{cls.__module__}:{cls.__qualname__}" for kind, cls in kinds.items() if kind}
+    return {"elements": places} if places else {}
+
+
+def know_elements(places: Mapping[str, str]) -> None:
+    """Register what `elements_of` found, in a process that does not know it yet.
+
+    Raises:
+        OptionError: for a class that another process cannot import.
+    """
+    known = registered(Element)
+    for kind, place in places.items():
+        if kind in known:
+            continue
+        module, _, name = place.partition(":")
+        try:
+            register(kind, getattr(import_module(module), name))
+        except (ImportError, AttributeError) as error:
+            raise OptionError(
+                f"elements: kind '{kind}' is the class {name} of {module}, which another process cannot import: define "
+                "it in a module, or run the study in this process"
+            ) from error
+
+
+@functools.lru_cache(maxsize=16)
+def scene_of(text: str) -> Scene:
+    """The scene of a text, which many points of a study share."""
+    return scene_from_toml(text, where="the scene of the study")

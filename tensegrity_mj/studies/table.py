@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.runs.deformation import deformation, is_tower
 from tensegrity_mj.runs.judgement import doubts, in_short
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -148,14 +148,9 @@ def counts(rows: Sequence[Row]) -> dict[str, int]:
 
 
 def check_measures(names: Sequence[str]) -> list[str]:
-    """The names.
-
-    Raises:
-        OptionError: for one that is no measure.
-    """
+    """Return the names; raise OptionError for one that is no measure."""
     for name in names:
-        if name not in MEASURES:
-            raise OptionError(f"there is no measure '{name}'; allowed: {', '.join(MEASURES)}")
+        check_known("measures", name, MEASURES, "measure")
     return list(names)
 
 

@@ -1,27 +1,40 @@
-"""Workers that compute the points of a study: local processes, a Dask cluster, or this process. By joblib."""
+"""Workers that compute the points of a study: local processes by joblib, a Dask cluster, or this process.
+
+A point whose worker dies is computed again alone, and is then given up. A cluster that has lost its scheduler, or all
+of its workers, is an error.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import enum
 import os
+import queue
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import CancelledError
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.basics.checks import warn_caller
-from tensegrity_mj.basics.dependencies import of_extra
+from tensegrity_mj.basics.checks import instance, warn_caller
+from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, text, whole
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.specs import is_here
-from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.errors import ClusterError, OptionError, TensegrityError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
 
 FEEDER_WAIT = 1.0  # s
+# Of a cluster:
+CONNECT_TIMEOUT = 20  # s
+CLOSE_TIMEOUT = 10  # s
+LOOK_INTERVAL = 2  # s without a result, after which the cluster is looked at
+ANSWER_TIMEOUT = 30  # s for the scheduler to answer
+WORKER_TIMEOUT = 60  # s without any worker; one that died is often begun anew
 
 
 class Backend(enum.Enum):
@@ -78,11 +91,10 @@ class Workers:
             else:
                 yield partial(_processes, self.count or int(cpu_count()))
         else:
-            from tensegrity_mj.studies import cluster
-
-            with cluster.connected(self.address, self.client) as client:
-                cluster.check_import(client, task.__module__)
-                yield partial(cluster.compute, client, self.count)
+            optional("distributed", "a cluster", of_extra("cluster"))
+            with _connected(self.address, self.client) as client:
+                _check_import(client, task.__module__)
+                yield partial(_by_cluster, client, self.count)
 
 
 # Answers of the points given by key, as they are ready; a generator, whose `close` stops the workers.
@@ -179,3 +191,149 @@ def workers_for(law: Spec | None, workers: Workers | None) -> Workers:
             'function scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
         )
     return Workers(backend=Backend.THIS_PROCESS)
+
+
+@contextlib.contextmanager
+def _connected(address: str | None, client: Any) -> Iterator[Any]:
+    """The client given, or one of our own for the length of the block.
+
+    Raises:
+        OptionError: if no scheduler answers at the address, or the client is none.
+    """
+    from distributed import Client
+
+    if client is not None:
+        instance("workers: client", client, Client, "it must be a dask.distributed.Client")
+        yield client
+        return
+    try:
+        own = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise OptionError(
+            f"workers: no Dask scheduler answers at {address!r} ({type(error).__name__}: {error}); "
+            "start one with `dask scheduler`, and give the address that it prints"
+        ) from error
+    try:
+        yield own
+    finally:
+        with contextlib.suppress(OSError):  # TimeoutError, too: a scheduler that is lost says no goodbye
+            own.close(timeout=CLOSE_TIMEOUT)
+
+
+def _check_import(client: Any, module: str) -> None:
+    """Find out before any point that the cluster's workers can import what they need.
+
+    Raises:
+        OptionError: naming the module.
+    """
+    for name in (__package__, module):
+        try:
+            client.run(exec, f"import {name}")  # a builtin, which needs nothing to be sent
+        except Exception as error:
+            raise OptionError(
+                f"workers: the cluster cannot import '{name}' ({type(error).__name__}: {error}); install it where its "
+                "workers run, in the version used here"
+            ) from error
+
+
+def _by_cluster(
+    client: Any, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
+) -> Generator[Answer, None, None]:
+    """Answers of the points as they are ready; a point whose worker dies is tried again alone, and is then given up.
+
+    Args:
+        client: a `dask.distributed.Client`.
+        count: how many points at a time; by default all threads of all workers.
+        task, points: as in `run_many`, points by key.
+
+    Raises:
+        ClusterError: if the scheduler does not answer any more, or has no workers.
+        OptionError: if the workers cannot compute the task.
+    """
+    watched = _Cluster(client)
+    suspects = {}
+    # Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it; which
+    # of those under way there did it, only trying each alone shows.
+    for key, answer in watched.results(count, task, points):
+        if answer is None:
+            suspects[key] = points[key]
+        else:
+            yield answer
+    for key, answer in watched.results(1, task, suspects):
+        yield answer or (key, DIED, {})
+
+
+class _Cluster:
+    """A cluster that is looked at while nothing comes from it."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.threads = 1
+        self.seen = time.monotonic()
+        self.look()
+
+    def look(self) -> None:
+        """Count the threads of all workers.
+
+        Raises:
+            ClusterError: if the scheduler does not answer, or has had no workers for a while.
+        """
+        if self.client.status != "running":
+            raise _lost(f"its connection is {self.client.status}")
+        try:
+            workers = self.client.nthreads(callback_timeout=ANSWER_TIMEOUT)
+        except Exception as error:  # any error that a broken connection raises
+            raise _lost(f"{type(error).__name__}: {error}") from error
+        if workers:
+            self.threads, self.seen = max(1, sum(workers.values())), time.monotonic()
+        elif time.monotonic() - self.seen > WORKER_TIMEOUT:
+            raise ClusterError(
+                f"workers: the cluster has had no worker for {WORKER_TIMEOUT:.0f} s; start some with `dask worker`"
+            )
+
+    def results(
+        self, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
+    ) -> Generator[tuple[str, Answer | None], None, None]:
+        """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        left, running = iter(points.items()), dict[str, tuple[str, Any]]()
+        try:
+            while True:
+                while len(running) < (count or self.threads) and (following := next(left, None)) is not None:
+                    key, point = following
+                    future = self.client.submit(attempt, task, key, point, pure=False)
+                    running[future.key] = key, future
+                    future.add_done_callback(ended.put)
+                if not running:
+                    return
+                try:
+                    future = ended.get(timeout=LOOK_INTERVAL)
+                except queue.Empty:
+                    self.look()
+                    continue
+                answer = self._result(future, task)
+                key, _ = running.pop(future.key)
+                yield key, answer
+        finally:
+            for _, future in running.values():
+                future.release()
+
+    def _result(self, future: Any, task: Task) -> Answer | None:
+        from distributed import KilledWorker
+
+        while True:
+            try:
+                answer: Answer = future.result(timeout=LOOK_INTERVAL)
+                return answer
+            except TimeoutError:  # the worker that has it may be lost: Dask computes it again
+                self.look()
+            except KilledWorker:
+                return None
+            except CancelledError as error:
+                raise _lost(str(error)) from error
+            except Exception as error:
+                raise unable(task, error) from error
+
+
+def _lost(reason: str) -> ClusterError:
+    return ClusterError(f"workers: the scheduler of the cluster does not answer any more ({reason}); start it again")

@@ -26,10 +26,9 @@ from tensegrity_mj import errors
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.cli import GROUPS, build_parser, main
 from tensegrity_mj.commands import common, experiment, scenes
-from tensegrity_mj.commands.arguments import words_of
 from tensegrity_mj.commands.common import ExitCode, Outcome
 from tensegrity_mj.commands.doctor import Check
-from tensegrity_mj.commands.installed import commands_of_others
+from tensegrity_mj.commands.parser import commands_of_others, words_of
 from tensegrity_mj.pictures.page import write_report
 
 COMMANDS = {

@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands.installed import commands_of_others
+from tensegrity_mj.commands.parser import commands_of_others
 
 
 @pytest.fixture

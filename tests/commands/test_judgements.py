@@ -15,8 +15,8 @@ import evidence.commands
 import tensegrity_mj as tmj
 import tensegrity_mj.commands
 from tensegrity_mj.cli import build_parser
-from tensegrity_mj.commands.arguments import prepare
 from tensegrity_mj.commands.common import Outcome
+from tensegrity_mj.commands.parser import prepare
 from tensegrity_mj.pictures import page as page_module
 from tensegrity_mj.pictures.figure import print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark

@@ -11,8 +11,7 @@ from command_words import choices_of
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.names import NAMES, TITLES
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.page import judgement_of, pictures
-from tensegrity_mj.studies.stability.report import describe
+from tensegrity_mj.studies.stability.page import describe, judgement_of, pictures
 
 SMALL = ["pinned_rod", "--engines", "euler", "rk4", "--maps", "damping", "--quick", "--random", "2", "--workers", "1"]
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from tensegrity_mj.cli import GROUPS, main
-from tensegrity_mj.commands.arguments import words_of
-from tensegrity_mj.commands.installed import commands_of_others
+from tensegrity_mj.commands.parser import commands_of_others, words_of
 
 ALL = {**GROUPS, **commands_of_others()}
 

@@ -16,7 +16,7 @@ from tensegrity_mj.controllers import SCENE_LAW
 from tensegrity_mj.controllers.specs import NO_LAW
 from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.simulation import ensemble
-from tensegrity_mj.studies.stability.report import StabilityStudy
+from tensegrity_mj.studies.stability.study import StabilityStudy
 from tensegrity_mj.studies.sweep import simulate_point
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 from tensegrity_mj.studies.validation.study import validate

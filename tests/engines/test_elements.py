@@ -20,8 +20,7 @@ from soft_scenes import soft_pair
 import tensegrity_mj as tmj
 from tensegrity_mj.basics import fields
 from tensegrity_mj.model import Element, Work, register
-from tensegrity_mj.studies.axes import Vary
-from tensegrity_mj.studies.parameter_values import Scaled
+from tensegrity_mj.studies.parameter_values import Scaled, Vary
 from tensegrity_mj.studies.scene_parameters import changed_scene
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.workers import Backend, Workers

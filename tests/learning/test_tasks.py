@@ -16,8 +16,8 @@ from tensegrity_mj.engines.mujoco.contact import bodies_of, spins
 from tensegrity_mj.engines.mujoco.prepared import prepared, within
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.learning.tasks import Goal, RandomStart, Task, World, gait, measured_error, task_of
+from tensegrity_mj.learning.tasks.definition import displace, node_states
 from tensegrity_mj.learning.tasks.robots import TASKS
-from tensegrity_mj.learning.tasks.starts import displace, node_states
 from tensegrity_mj.studies import Choice, Draw, Uniform
 
 ONE = np.zeros(1, np.int64)

@@ -15,7 +15,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import Replay
 from tensegrity_mj.engines.names import NAMES
 from tensegrity_mj.model.elements.contact import floor_gaps
-from tensegrity_mj.studies.stability.report import study_stability
+from tensegrity_mj.studies.stability.study import study_stability
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
 LANDED = 0.4  # s: the first foot touches at 0.25 s
@@ -112,7 +112,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     contact = scene.contact
     assert contact is not None
     dm_control = pytest.importorskip("tensegrity_mj.learning.dm_control", exc_type=tmj.errors.MissingPackageError)
-    from tensegrity_mj.learning.tasks import starts as drawing
+    from tensegrity_mj.learning.tasks import definition as drawing
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
         start = dm_control.RandomStart(displacement, 1.0, 3)

@@ -230,11 +230,11 @@ def test_a_lost_workers_points_are_done_again(tmp_path: Path, dask_processes: An
 def test_a_lost_cluster_ends_the_study_and_what_is_finished_is_kept(
     tmp_path: Path, dask_processes: Any, monkeypatch: pytest.MonkeyPatch, names: Any, number: Any, said: str
 ) -> None:
-    from tensegrity_mj.studies import cluster
+    from tensegrity_mj.studies import workers
 
     # As short as what is lost; what still lives has its usual time, however slow the machine is.
     for limit in ["WORKER_TIMEOUT"] if "worker0" in names else ["ANSWER_TIMEOUT", "CLOSE_TIMEOUT"]:
-        monkeypatch.setattr(cluster, limit, 5 if limit == "ANSWER_TIMEOUT" else 1)
+        monkeypatch.setattr(workers, limit, 5 if limit == "ANSWER_TIMEOUT" else 1)
     address, processes = dask_processes
     folder = tmp_path / "study"
 
@@ -531,9 +531,9 @@ def test_workers_that_cannot_be_are_refused(options: dict[str, Any], said: str) 
 
 def test_a_cluster_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from tensegrity_mj.studies import cluster
+    from tensegrity_mj.studies import workers
 
-    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
+    monkeypatch.setattr(workers, "CONNECT_TIMEOUT", 0.2)
     with pytest.raises(OptionError, match=r"no Dask scheduler answers at .tcp://127\.0\.0\.1:9"):
         run_many(study_tasks.noted, POINTS, workers=Workers(backend=Backend.CLUSTER, address="tcp://127.0.0.1:9"))
     with pytest.raises(OptionError, match=r"client = 1; it must be a dask\.distributed\.Client"):
@@ -541,11 +541,8 @@ def test_a_cluster_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "tensegrity_mj.studies.cluster", raising=False)
-    monkeypatch.setattr(sys.modules["tensegrity_mj.studies"], "cluster", None, raising=False)
-    monkeypatch.delattr(sys.modules["tensegrity_mj.studies"], "cluster")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingLibraryError, match=r"'distributed' is missing: python -m pip install .dask"):
+    with pytest.raises(MissingLibraryError, match=r"a cluster needs distributed.*python -m pip install .dask"):
         run_many(study_tasks.noted, POINTS, workers=Workers(backend=Backend.CLUSTER, address="tcp://a:1"))
 
 

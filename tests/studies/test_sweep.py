@@ -24,12 +24,21 @@ from tensegrity_mj.commands.sweep import split, value_of, values_of
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies import store
-from tensegrity_mj.studies.axes import Choice, Draw, LogUniform, Normal, Together, Uniform, Vary
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.page import judgement_of
-from tensegrity_mj.studies.parameter_values import Scaled, decoded, encoded
-from tensegrity_mj.studies.parameters import Draft
+from tensegrity_mj.studies.parameter_values import (
+    Choice,
+    Draw,
+    LogUniform,
+    Normal,
+    Scaled,
+    Together,
+    Uniform,
+    Vary,
+    decoded,
+    encoded,
+)
+from tensegrity_mj.studies.parameters import Draft, NominalWinches
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
 from tensegrity_mj.studies.table import MEASURES, counts, rows_of
@@ -525,7 +534,7 @@ def test_a_sweep_goes_on_only_with_the_same_sweep(tmp_path: Path) -> None:
 
 SIMULATIONS = """
 from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.axes import Vary
+from tensegrity_mj.studies.parameter_values import Vary
 sweep = Sweep('pinned_rod', [Vary('law.decay_rate', list(range(1, 41)))], fixed={'scene.duration': 5})
 points = [{'parameters': settings} for settings in sweep.points()]
 run_many(study_tasks.simulated, points, folder, common=sweep.common(), workers=Workers(2))

@@ -15,8 +15,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
 from tensegrity_mj.model.motion import Harmonic, Motion
-from tensegrity_mj.studies.axes import Vary
-from tensegrity_mj.studies.parameter_values import Scaled, encoded
+from tensegrity_mj.studies.parameter_values import Scaled, Vary, encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.scene_parameters import member_names
 from tensegrity_mj.studies.sweep import Sweep

@@ -31,11 +31,14 @@ from tensegrity_mj.studies.tradeoff.experiments import (
     Experiment,
     Loop,
     TradeoffOptions,
+    grid_of_steps,
+    most_evaluations,
     open_loop,
+    radau_steps,
     recording_interval,
+    settings_of,
 )
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Ended, Motion, attempt, find_reference, record
-from tensegrity_mj.studies.tradeoff.settings import grid_of_steps, most_evaluations, radau_steps, settings_of
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 
 # ------------------------------------------------------------------------------------------------------- the front

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.studies.validation import measures
+from tensegrity_mj.studies.validation import task as measures
 from tensegrity_mj.studies.validation.findings import trend, way
 from tensegrity_mj.studies.validation.judging import judged
 from tensegrity_mj.studies.validation.sections import is_pinned_rod, perturbed, turned

@@ -637,7 +637,8 @@ def test_scenes_at_rest_are_in_equilibrium() -> None:
 
 
 def test_the_study_of_a_scene_of_class_k() -> None:
-    from tensegrity_mj.studies.stability.report import describe, study_stability
+    from tensegrity_mj.studies.stability.page import describe
+    from tensegrity_mj.studies.stability.study import study_stability
 
     scene = hanging_chain((0.3, 0.5), (1.0, 0.4), (Motion.in_line("r0", 0.01, 0.5, (1, 0, 0)),), True).with_(
         duration=0.2

@@ -16,9 +16,8 @@ from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
-from tensegrity_mj.studies.stability.page import judgement_of
-from tensegrity_mj.studies.stability.report import describe, study_stability
-from tensegrity_mj.studies.stability.study import at_rest
+from tensegrity_mj.studies.stability.page import describe, judgement_of
+from tensegrity_mj.studies.stability.study import at_rest, study_stability
 
 
 def elastic_pendulum() -> tmj.Scene:

@@ -16,7 +16,7 @@ from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.learning.dm_control.elements import element
+from tensegrity_mj.learning.dm_control.models import element
 from tensegrity_mj.learning.dm_control.readings import HeldForces, StringActuators, point_velocities
 from tensegrity_mj.learning.dm_control.stepping import checked_command
 from tensegrity_mj.model.scene import Scene

@@ -17,9 +17,8 @@ from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.learning.dm_control.models import physics
 from tensegrity_mj.learning.dm_control.repairing import repair
-from tensegrity_mj.learning.tasks.definition import Task, target_distance
+from tensegrity_mj.learning.tasks.definition import RandomStart, Task, target_distance
 from tensegrity_mj.learning.tasks.robots import task_of
-from tensegrity_mj.learning.tasks.starts import RandomStart
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene import Scene

@@ -1,4 +1,4 @@
-"""The MJCF of a scene as dm_control needs it, and a Physics of it.
+"""The MJCF of a scene as dm_control needs it, a Physics of it, and a PyMJCF element that other models take in.
 
 It adds two things to `mjcf.scene_to_mjcf`, since dm_control has no place for a control callback:
 
@@ -6,28 +6,41 @@ It adds two things to `mjcf.scene_to_mjcf`, since dm_control has no place for a 
   the rest length L0 = L (1 - u/k) is renewed at every stage of the integrator, without a callback.
 - Forces on nodes (loads, wind, drag, elements) are three more actuators a node. They push along the scene's axes,
   however the rod has turned by then.
+
+An attached model keeps no options of its own: PyMJCF merges them with those of the model that takes it in, and refuses
+where they differ. So an element holds the scene's bodies, strings and what pushes its nodes alone, and `adopt_options`
+sets on the whole what to run with. Keyframes, lights and statistics are left out for the same reason.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.basics.checks import member
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import rotation_to
+from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.dynamics.native.law import Command
-from tensegrity_mj.engines.mujoco import mjcf, mjcf_tree, settings
+from tensegrity_mj.engines.mujoco import mjcf, mjcf_tree
+from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.learning.dm_control.readings import pushed_nodes
+from tensegrity_mj.learning.dm_control.repairing import repair
 from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:
+    from dm_control.mjcf import RootElement
+
     from tensegrity_mj.learning.dm_control.stepping import ScenePhysics
 
 
 def physics(
     scene: Scene,
     timestep: float = 1e-3,
-    integrator: settings.Integrator = settings.Integrator.RK4,
+    integrator: Integrator = Integrator.RK4,
     command: Command = Command.REST_LENGTH,
 ) -> ScenePhysics:
     """A dm_control `Physics` of a scene, at the scene's start.
@@ -45,7 +58,7 @@ def physics(
         StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
         SceneError: for supports that move, and for water that adds mass to rods.
     """
-    options = settings.MuJoCo(timestep, integrator)
+    options = MuJoCo(timestep, integrator)
     member("command", command, Command)
     options.model(scene)  # for its errors: dm_control's would not say what to do
     from tensegrity_mj.learning.dm_control.repairing import repair
@@ -56,7 +69,7 @@ def physics(
     return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
 
 
-def model(scene: Scene, command: Command, options: settings.MuJoCo) -> ET.Element:
+def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
     """The MJCF of a scene for the given command, forces on nodes included; actuators of strings come first.
 
     Raises:
@@ -86,3 +99,107 @@ def model(scene: Scene, command: Command, options: settings.MuJoCo) -> ET.Elemen
         for name, (node, letter) in zip(names, pushes, strict=True):
             ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gears[letter])
     return root
+
+
+# Parts of the model that belong to the whole, not to one of its members.
+_WHOLE = ("compiler", "option", "statistic", "visual", "keyframe")
+
+
+def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | None = None) -> RootElement:
+    """A PyMJCF RootElement of a scene, to be attached to another model at any frame.
+
+    Controls are changes of rest lengths [m] from the designed ones, or force densities [N/m]. It is at rest when
+    attached; `TensegrityEntity` gives it the scene's velocities, which are `mjcf.initial_velocities` in the order of
+    the element's joints. Free rods have three slides and a ball joint, since MuJoCo allows a free joint at the top of
+    the world only; their coordinates are the same.
+
+    Args:
+        scene: the experiment.
+        command: what the actuators take.
+        name: of the model, which becomes the prefix of all names; the scene's by default.
+
+    Raises:
+        OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
+        StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, for bodies, and
+            for what MuJoCo cannot hold.
+        SceneError: for supports that move, and for water that adds mass to rods.
+    """
+    if scene.contact is not None:
+        raise OptionError(
+            f"scene '{scene.name}' has contact, whose floor and solver options belong to a whole model: attach "
+            "scene.with_(contact=None) and give the arena what it is to touch, or use physics(scene) or an Environment"
+        )
+    if scene.structure.bodies:
+        raise StructureError(
+            f"'{scene.structure.bodies[0].name}' is a body (structure.bodies): PyMJCF elements are for rods and point "
+            "masses; use physics(scene) or an Environment"
+        )
+    options = MuJoCo()
+    options.model(scene)  # for its errors
+    member("command", command, Command)
+    if name is not None and (not isinstance(name, str) or not name or "/" in name):
+        raise OptionError(f"name = {name!r}; it must be a text without '/', which PyMJCF puts between names")
+    root = model(scene, command, options)
+    for part in root.iter():
+        if "/" in part.get("name", ""):
+            raise StructureError(
+                f"{part.tag} '{part.get('name')}': PyMJCF puts '/' between the names of models; rename it without one"
+            )
+    for part in [part for part in root if part.tag in _WHOLE]:
+        root.remove(part)
+    root.set("model", (name or root.get("model") or "").replace("/", " ") or "tensegrity")
+    world = root.find("worldbody")
+    assert world is not None
+    for light in world.findall("light"):
+        world.remove(light)
+    for number, body in enumerate(world.findall("body")[: len(scene.structure.rods)]):
+        _unfree(body, scene, number)
+    repair()
+    from dm_control import mjcf
+
+    return mjcf.from_xml_string(ET.tostring(root, encoding="unicode"))
+
+
+def _unfree(body: ET.Element, scene: Scene, number: int) -> None:
+    """Replace a rod's free joint by slides along the scene's axes and a ball joint: the same coordinates."""
+    free = body.find("freejoint")
+    if free is None:
+        return
+    body.remove(free)
+    first, second = scene.nodes0[scene.structure.rod_nodes[number]]
+    rotation = rotation_to((second - first) / np.linalg.norm(second - first))
+    for at, axis in enumerate(rotation):  # rows: the scene's axes seen from the body
+        body.insert(at, ET.Element("joint", type="slide", axis=" ".join(repr(float(x)) for x in axis)))
+    body.insert(3, ET.Element("joint", name=free.get("name", ""), type="ball"))
+
+
+def adopt_options(
+    root: Any,
+    scene: Scene,
+    timestep: float = 1e-3,
+    integrator: Integrator = Integrator.RK4,
+    rotation: ArrayLike | None = None,
+) -> None:
+    """Give a PyMJCF model the options that a scene is run with: time step, integrator, gravity, and no autoreset.
+
+    Call it on the model that elements of the scene are attached to. Compiler settings are left alone;
+    `TensegrityEntity` checks that they have not changed the scene's masses.
+
+    Args:
+        root: the RootElement of the whole, an arena's `mjcf_model` for instance.
+        scene: the experiment.
+        timestep: h [s].
+        integrator: see `Integrator`.
+        rotation: (3, 3), of the frame that the element is attached at: gravity is turned with it. None for no turn.
+
+    Raises:
+        OptionError: for values that are none of these.
+    """
+    options = MuJoCo(timestep, integrator)
+    matrix = np.eye(3) if rotation is None else real_array("rotation", rotation, (3, 3), scalar=False)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-9 or np.linalg.det(matrix) < 0:
+        raise OptionError(f"rotation = {matrix.tolist()}; it must be a rotation matrix")
+    root.option.timestep = options.timestep
+    root.option.integrator = options.word
+    root.option.gravity = matrix @ np.array(scene.gravity)
+    root.option.flag.autoreset = "disable"  # a reset behind one's back would hide a divergence

@@ -13,8 +13,7 @@ from dm_env import specs
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.learning.dm_control.stepping import ScenePhysics, checked_command
-from tensegrity_mj.learning.tasks.definition import State, Task
-from tensegrity_mj.learning.tasks.starts import displace
+from tensegrity_mj.learning.tasks.definition import State, Task, displace
 from tensegrity_mj.model.scene import Scene
 
 # How far outside its bounds an action may be, relative to their size: single precision, rounded.

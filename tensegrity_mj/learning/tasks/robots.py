@@ -14,8 +14,7 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.controllers.program import Program
 from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.learning.tasks.definition import Goal, State, Task, effort
-from tensegrity_mj.learning.tasks.starts import RandomStart
+from tensegrity_mj.learning.tasks.definition import Goal, RandomStart, State, Task, effort
 from tensegrity_mj.library.prism import prism
 from tensegrity_mj.library.rolling import SixBarRoll
 from tensegrity_mj.library.six_bar import icosahedron

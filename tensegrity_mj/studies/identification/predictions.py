@@ -21,9 +21,10 @@ from tensegrity_mj.runs.comparison import resampled
 from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
-from tensegrity_mj.studies import nominal, parameter_values, scene_parameters
+from tensegrity_mj.studies import parameter_values, scene_parameters
 from tensegrity_mj.studies.identification.measurements import Observation
 from tensegrity_mj.studies.identification.unknowns import Unknowns
+from tensegrity_mj.studies.parameters import NominalWinches
 from tensegrity_mj.studies.store import Store
 
 STEP = 1e-4  # of a parameter's size: differences are wrong by 1e-8 by their step, and by 1e-6 where runs are by 1e-10
@@ -61,7 +62,7 @@ class Predictions:
         draft = self.unknowns.at(values)
         if draft.plant is None or self.law is None:
             return draft.plant or draft.scene, self.law
-        return draft.plant, nominal.NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
+        return draft.plant, NominalWinches.between(self.law, draft.scene.structure, draft.plant.structure)
 
     def predict(self, values: Array) -> Array:
         """Simulate once, and return the predicted measurements.

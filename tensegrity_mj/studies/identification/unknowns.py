@@ -13,8 +13,7 @@ from tensegrity_mj.basics.checks import instance, sequence_of
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.axes import PATH
-from tensegrity_mj.studies.parameter_values import Noted, Scaled
+from tensegrity_mj.studies.parameter_values import PATH, Noted, Scaled, once
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.scene_parameters import member_names
 
@@ -96,9 +95,7 @@ class Unknowns:
             raise OptionError("parameters: give at least one, such as structure.strings[s1].stiffness")
         rows = [(path, one) for one in each for path in member_names(scene, one.path) or [one.path]]
         paths = tuple(path for path, _ in rows)
-        for path in paths:
-            if paths.count(path) > 1:
-                raise OptionError(f"{path}: it is given twice; give each parameter once")
+        once(paths)
         numbers = []
         for path, one in rows:
             start = _start(scene, path, one)

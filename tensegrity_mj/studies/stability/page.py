@@ -1,14 +1,16 @@
-"""The page of the study, and its figures, from its data."""
+"""The study as lines of text, as a page and as figures, from its data."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.names import NAMES, TITLES
 from tensegrity_mj.pictures import palette
@@ -17,7 +19,6 @@ from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.report import rest_rows, start_rows
 from tensegrity_mj.studies.stability.study import AGREEMENT, DRAWN, UNEXPLAINED, agreement
 
 if TYPE_CHECKING:
@@ -246,3 +247,57 @@ def scatter(data: Data) -> Figure:
     frame(right, "", "|predicted / measured - 1|", "part of the structures", legend=False)
     common_legend(figure, (left, right), 4, 7.5)
     return figure
+
+
+def start_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Yield for each engine the limits [s] at the start and at the worst, its time [s], rod, string and remarks."""
+    for name, one in part["engines"].items():
+        if "error" in one:
+            yield TITLES[name], None, None, None, "", "", one["error"]
+            continue
+        worst = one["worst"]
+        remarks = "; ".join(worst["notes"])
+        yield TITLES[name], one["start"]["limit"], worst["limit"], worst["time"], worst["rod"], worst["string"], remarks
+
+
+def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Yield for each engine the limits [s], their ratio, over 2/ω, rod and string, and what explains a difference."""
+    for name, one in part["engines"].items():
+        over = None if one["predicted"] is None else one["predicted"] * one["omega"] / 2
+        rod, string = (f"{one[what]} ({one[f'{what}_share']:.0%})" if one[what] else "" for what in ("rod", "string"))
+        yield TITLES[name], one["predicted"], one["measured"], one["ratio"], over, rod, string, one["cause"]
+
+
+def describe(data: dict[str, Any]) -> list[str]:
+    """Return the study as lines of text."""
+    rows, failed = [("", "at the start", "worst on the way", "at", "")], []
+    for name, first, worst, time, rod, string, remarks in start_rows(data["start"]):
+        if time is None:
+            failed.append(f"{name}: {remarks}")
+        else:
+            rows.append((name, _shown(first), _shown(worst), f"{time:.4g} s", f"{rod} on {string}" if string else rod))
+    lines = [f"scene {data['scene']}: {data['start']['text']}", *aligned(rows), *failed]
+    lines += ["", f"at rest: {data['base']['text']}"]
+    rows = [("", "predicted", "measured", "ratio", "over 2/ω")]
+    for name, predicted, measured, ratio, over, *_, cause in rest_rows(data["base"]):
+        ending = f"{_shown(over, '.4g', '', '-')}  {cause}"
+        rows.append((name, _shown(predicted), _shown(measured), _shown(ratio, ".4f", "", "-"), ending))
+    lines += aligned(rows)
+    if "maps" in data:
+        known = [(row["axis"], row["values"]["engines"]) for row in data["maps"] if row["values"]]
+        points = [(axis, one) for axis, engines in known for one in engines.values()]
+        lines += ["", f"maps: {sum(one['agrees'] for _, one in points)} of {len(points)} points agree within 10 %"]
+        causes = Counter((axis, one["cause"]) for axis, one in points if not one["agrees"])
+        lines += [f"  {axis}: {count} differ: {cause}" for (axis, cause), count in sorted(causes.items())]
+    for name, title in DRAWN.items():
+        if name in data:
+            part = data[name]
+            lines += ["", f"{title} (seed {part['seed']}): {agreement(part)}"]
+            lines += [f"  {count} differ: {cause}" for cause, count in part["summary"]["causes"].items()]
+            if part["failed"]:
+                lines.append(f"  {part['failed']} structures could not be computed (see the data)")
+    return lines
+
+
+def _shown(value: float | None, form: str = ".5g", unit: str = " s", none: str = "none") -> str:
+    return none if value is None else f"{value:{form}}{unit}"

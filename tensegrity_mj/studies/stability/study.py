@@ -17,27 +17,42 @@ are looked at again: were one of them not stable, the search would go on below i
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member, whole
+from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.names import NAMES, engine_of, simulates
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import DivergenceError, TensegrityError
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
+from tensegrity_mj.studies.many import run_study
+from tensegrity_mj.studies.stability.cases import (
+    AXES,
+    joined_points,
+    joined_scene,
+    map_points,
+    random_points,
+    scene_at_rest,
+    structure_of,
+)
+from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import forces_on_nodes, forces_round_off
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
@@ -316,3 +331,157 @@ def _ratio(predicted: float, measured: float, largest: float) -> float | None:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+MOST_RODS = 500
+QUICK_RODS = 20
+FINE = 0.1  # of the stable step and of contact's time: the step of the run that a scene with contact is looked along
+RANDOM_RODS, QUICK_RANDOM_RODS = 30, 4
+JOINED_RODS, QUICK_JOINED_RODS = 12, 4
+JOINED_PART = 3  # for so many random taut structures one whose rods share nodes
+MAPPED = ("euler", "implicit", "discrete", "rk4")  # engines of the maps: the others have the limits of one of these
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityStudy:
+    """Predicted and measured limits of a scene's structure, of its variations, and of random structures.
+
+    Attributes:
+        scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
+        law: closes the loop in the part about the scene's own motion; the scene's own by default, where it can be
+            evaluated at every stage; None for none.
+        engines: names from `engines.names.NAMES`.
+        maps: axes of `cases.AXES`.
+        quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
+        random: how many random taut structures; a third as many trees and loops of rods come on top.
+        seed: of them.
+        folder: where finished points are kept, so that an interrupted study goes on; None keeps them in memory.
+        workers: who computes points; all cores by default. Results do not depend on it.
+        progress: show bars on stderr.
+
+    Raises:
+        OptionError: for unknown names, and maps of a structure whose rods share nodes, or without strings.
+    """
+
+    scene: Scene
+    _: KW_ONLY
+    law: Any = SCENE_LAW
+    engines: Sequence[str] = NAMES
+    maps: Sequence[str] = ()
+    quick: bool = False
+    random: int = 0
+    seed: int = 0
+    folder: str | os.PathLike[str] | None = None
+    workers: Workers | None = None
+    progress: bool = False
+
+    def __call__(self) -> dict[str, Any]:
+        scene, engines = self.scene, list(self.engines)
+        whole("seed", self.seed, 0)
+        unknown = [name for name in engines if name not in NAMES] + [axis for axis in self.maps if axis not in AXES]
+        if unknown or not engines:
+            raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
+        if self.workers is not None:
+            member("workers.backend", self.workers.backend, Backend)
+        linked = scene.structure.class_number > 1
+        if self.maps and (linked or not scene.structure.strings):
+            raise OptionError(
+                f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
+                f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
+            )
+        law = law_for(scene, self.law)
+        if self.law is SCENE_LAW and getattr(law, "discontinuous", None):
+            law = None
+        measured = [name for name in engines if simulates(name, scene)]
+        base, text = scene_at_rest(scene, bool(self.maps))
+        data: dict[str, Any] = {
+            "scene": scene.name,
+            "engines": engines,
+            "start": _start(scene, law, engines),
+            "base": {
+                "text": text,
+                "stand_in": base.structure.node_names != scene.structure.node_names,
+                "engines": {name: at_rest(base, name) for name in measured},
+            },
+        }
+        if self.maps:
+            data["maps"] = self._maps(base)
+        if self.random:
+            most = QUICK_RANDOM_RODS if self.quick else RANDOM_RODS
+            joined = QUICK_JOINED_RODS if self.quick else JOINED_RODS
+            data["random"] = self._drawn("random", random_points(self.random, self.seed, most))
+            count = math.ceil(self.random / JOINED_PART)
+            data["joined"] = self._drawn("joined", joined_points(count, self.seed, joined))
+        return data
+
+    def _maps(self, base: Scene) -> list[dict[str, Any]]:
+        """The limits along each axis."""
+        most = QUICK_RODS if self.quick else MOST_RODS
+        points = map_points(base.structure, tuple(self.maps), self.quick, most)
+        mapped = [name for name in self.engines if name in MAPPED] or list(self.engines)
+        rows = self._limits("maps", "maps", points, mapped)
+        keys = ("axis", "value", "values", "reason")
+        return [{key: (row["point"] | row)[key] for key in keys} for row in rows]
+
+    def _drawn(self, name: str, points: Sequence[dict[str, Any]]) -> dict[str, Any]:
+        """The limits of structures that were drawn at random."""
+        rows = self._limits(name, f"{name} structures", points, list(self.engines))
+        kept = [row["values"] for row in rows if row["values"] is not None]
+        return {"seed": self.seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
+
+    def _limits(
+        self, name: str, label: str, points: Sequence[dict[str, Any]], engines: list[str]
+    ) -> list[dict[str, Any]]:
+        tasks = [point | {"engines": engines} for point in points]
+        place = None if self.folder is None else Path(self.folder) / name
+        found = run_study(limits_at, tasks, place, label, {"workers": self.workers, "progress": self.progress})
+        return [
+            {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
+            for point, outcome in zip(points, found.outcomes, strict=True)
+        ]
+
+
+study_stability = function_of(StabilityStudy)
+
+
+def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
+    """Predicted limits at the start, and the smallest along a run: of the DAE in tight tolerances, where it can."""
+    from tensegrity_mj.simulation import simulate
+
+    run, reason = None, ""
+    try:
+        run = simulate(scene, law, _engine_of_run(scene, law))
+        if scene.contact is not None:
+            reason = f" of {run.engine}, with contact (whose own limit is not among these)"
+    except TensegrityError as error:
+        reason = f"; no run to look along: {error}"
+    found: dict[str, Any] = {}
+    for name in engines:
+        try:
+            here = stable_step(scene, engine_of(name, 1.0), law=law)
+            worst = here if run is None else stable_step(scene, engine_of(name, 1.0), law=law, run=run)
+        except TensegrityError as error:
+            found[name] = {"error": str(error)}
+            continue
+        found[name] = {"start": here.to_dict(), "worst": worst.to_dict()}
+    loop = "in the loop with its law" if law is not None else "without a law"
+    return {
+        "text": f"Predicted {loop}, at the start and at the worst of 25 configurations along a run{reason}. A moving "
+        "state has no limit of its own to measure.",
+        "closed_loop": law is not None,
+        "engines": found,
+    }
+
+
+def _engine_of_run(scene: Scene, law: Any) -> Any:
+    """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
+    from tensegrity_mj.engines.mujoco.settings import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+
+    if scene.contact is None:
+        return DAE()
+    limit = stable_step(scene, MuJoCo(1.0), law=law).limit
+    # Limits by contact: 1/√k of its spring and 2/b of its damper.
+    contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.damping, 1e-12))
+    step = FINE * min(limit, contact)
+    return MuJoCo(scene.duration / math.ceil(scene.duration / step))

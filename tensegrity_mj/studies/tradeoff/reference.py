@@ -24,11 +24,10 @@ from tensegrity_mj.runs import convergence, judgement
 from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, stays
-from tensegrity_mj.studies.tradeoff.settings import DOP853_STAGES, grid_of_steps, most_evaluations
+from tensegrity_mj.studies.tradeoff.experiments import DOP853_STAGES, Experiment, grid_of_steps, most_evaluations, stays
 
 if TYPE_CHECKING:
-    from tensegrity_mj.studies.tradeoff.settings import AnyEngine
+    from tensegrity_mj.studies.tradeoff.experiments import AnyEngine
 
 SAME_TIME = 1e-9  # of the duration
 

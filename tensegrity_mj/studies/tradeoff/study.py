@@ -28,10 +28,13 @@ from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
 from tensegrity_mj.studies.tradeoff.experiments import (
     Experiment,
     Loop,
+    Setting,
     TradeoffOptions,
     closed_loops,
     divides,
     open_loop,
+    settings_of,
+    weight,
 )
 from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import (
@@ -43,7 +46,6 @@ from tensegrity_mj.studies.tradeoff.reference import (
     find_reference,
     record,
 )
-from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
 PICTURE = "tradeoff.png"
 FORMAT = 1
