@@ -318,8 +318,8 @@ def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motio
         "angular_frequency",
         [omega * pace if omega else omega for omega in omegas],
         times=tuple(time / pace for time in motion.times),
-        velocities=tuple(_times(pace, row) for row in motion.velocities),
-        accelerations=tuple(_times(pace**2, row) for row in motion.accelerations),
+        velocities=tuple((pace * x, pace * y, pace * z) for x, y, z in motion.velocities),
+        accelerations=tuple((pace**2 * x, pace**2 * y, pace**2 * z) for x, y, z in motion.accelerations),
     )
 
 
@@ -359,8 +359,3 @@ def _one(path: str, motion: Motion, what: str, values: Sequence[Any]) -> Any:
                 "stand for; scale them by a factor such as *0.5, or change the scene"
             )
     return first
-
-
-def _times(factor: float, row: Vector) -> Vector:
-    x, y, z = row
-    return (factor * x, factor * y, factor * z)

@@ -23,7 +23,7 @@ from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model import Section
 from tensegrity_mj.statics import find_equilibrium, natural_modes
 from tensegrity_mj.studies.scene_parameters import changed_scene
-from tensegrity_mj.studies.validation import sentences, task
+from tensegrity_mj.studies.validation import judging, task
 
 ENGINES = {"mujoco": tmj.MuJoCo(1e-3), "dae": tmj.DAE()}
 TUBE = Section.tube(0.01, 0.002, 2e9)
@@ -258,7 +258,7 @@ def test_a_rod_that_is_pushed_with_more_than_eulers_load_is_reported(elastic: bo
         "rod 'bar' is pushed with more than Euler's load of its section" in text for text in run.reports["warnings"]
     )
     values = task.of_run(run)
-    said = " ".join(sentences._winch_sentences({"nominal": {"engines": {"dae": values}}}, "dae"))
+    said = " ".join(judging._winch_sentences({"nominal": {"engines": {"dae": values}}}, "dae"))
     assert "Rod bar is pushed with more than Euler's load of the section, first at 0.0" in said
     # A sudden load pushes an elastic bar with twice itself at most.
     below = scene.with_(structure=structure, loads=(tmj.model.Load("b", (0.0, 0.0, -0.4 * euler)),))

@@ -13,8 +13,8 @@ from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.statics.study import analyse
 from tensegrity_mj.studies.page import _findings
 from tensegrity_mj.studies.table import Row
+from tensegrity_mj.studies.validation import judging
 from tensegrity_mj.studies.validation import page as validation_page
-from tensegrity_mj.studies.validation import sentences
 
 
 @pytest.mark.parametrize(("good", "total", "mark"), [(3, 3, "good"), (1, 3, "limited"), (0, 3, "bad")])
@@ -71,7 +71,7 @@ def validation(outcome: str, word: str, value: float, words: dict[str, str]) -> 
 
 def test_a_validation_is_judged_by_its_sections():
     data = validation("converged", "good", 0.0045, {"sampling": "good", "mass": "limited"})
-    assert sentences.verdict(data) == (
+    assert judging.verdict(data) == (
         "lyapunov brings prism in MuJoCo to its target, to 4.5 mm; of 2 tests it is good in 1, limited in 1."
     )
     found = validation_page.judgement_of(data).findings
@@ -81,9 +81,9 @@ def test_a_validation_is_judged_by_its_sections():
 
 def test_a_run_that_needs_more_time_is_no_failure():
     data = validation("still moving", "limited", 0.2, {"sampling": "good", "mass": "not judged"})
-    assert sentences.verdict(data) == ("lyapunov on prism in MuJoCo is still moving after 2 s, 0.2 m from its target.")
+    assert judging.verdict(data) == ("lyapunov on prism in MuJoCo is still moving after 2 s, 0.2 m from its target.")
     assert [one.mark for one in validation_page.judgement_of(data).findings] == [Mark.LIMITED, Mark.UNJUDGED, Mark.GOOD]
-    assert "does not do" in sentences.verdict(validation("off target", "bad", 0.2, {}))
+    assert "does not do" in judging.verdict(validation("off target", "bad", 0.2, {}))
 
 
 def test_what_is_not_judged_has_a_mark_of_its_own():

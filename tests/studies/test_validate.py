@@ -22,14 +22,14 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.studies.validation import findings, sections, study, task
 from tensegrity_mj.studies.validation import page as report_page
-from tensegrity_mj.studies.validation.sections import SECTIONS, Extent
-from tensegrity_mj.studies.validation.sentences import (
+from tensegrity_mj.studies.validation.judging import (
     _break_sentences,
     _delay_sentences,
     _noise_sentences,
     _plant_sentences,
     _start_sentences,
 )
+from tensegrity_mj.studies.validation.sections import SECTIONS, Extent
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
 LAWS = Path(__file__).parents[1] / "helpers" / "validated_laws.py"

@@ -19,8 +19,8 @@ from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.validation.findings import left_promise
+from tensegrity_mj.studies.validation.judging import law_name, title, verdict
 from tensegrity_mj.studies.validation.sections import SECTIONS
-from tensegrity_mj.studies.validation.sentences import law_name, title, verdict
 
 Data = Mapping[str, Any]
 
