@@ -140,11 +140,7 @@ def for_paper(width: str | None) -> AbstractContextManager[None]:
 
 
 def distinct(outputs: Mapping[str, Path | None]) -> None:
-    """Refuse two options that would write, or read and write, the same file.
-
-    Raises:
-        OptionError: naming both options.
-    """
+    """Refuse two options that would write, or read and write, the same file, with an OptionError that names both."""
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
         if path is None:
@@ -156,11 +152,7 @@ def distinct(outputs: Mapping[str, Path | None]) -> None:
 
 
 def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """Refuse options that were given although they mean nothing here.
-
-    Raises:
-        OptionError: naming the first of them and why.
-    """
+    """Refuse options that mean nothing here, with an OptionError that names the first of them and why."""
     for name in names:
         if getattr(options, name.replace("-", "_")) is not None:
             raise OptionError(f"--{name} {why}")

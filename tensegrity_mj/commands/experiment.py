@@ -25,11 +25,7 @@ ACTUATION_OPTIONS = ("actuation", "control-period")
 
 
 def check_control(options: argparse.Namespace) -> None:
-    """Refuse control options that contradict each other.
-
-    Raises:
-        OptionError: naming the option and why.
-    """
+    """Refuse control options that contradict each other, with an OptionError that says why."""
     held = (options.actuation or "continuous") != "continuous"
     if held and options.control_period is None:
         raise OptionError(f"--actuation {options.actuation} needs --control-period, the time between samples [s]")
@@ -61,11 +57,7 @@ def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
 
 
 def law_options_of(options: argparse.Namespace) -> dict[str, Any]:
-    """The values of --law-option by their names.
-
-    Raises:
-        OptionError: for a name that is given twice.
-    """
+    """Return the values of --law-option by their names; raise OptionError for a name that is given twice."""
     names = [name for name, _ in options.law_option or ()]
     if twice := [name for name in names if names.count(name) > 1]:
         raise OptionError(f"--law-option {twice[0]}: it is given twice; give each option once")
@@ -158,11 +150,7 @@ def engine_of(
 
 
 def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[str]) -> None:
-    """Refuse options that none of the engines in use has.
-
-    Raises:
-        OptionError: naming the option and the engines that have it.
-    """
+    """Refuse options that no engine in use has, with an OptionError that names the engines that have them."""
     for option in _given(options, ENGINE_OPTIONS):
         own = option.replace("-", "_")
         if not any(own in option_names(name) for name in used):
@@ -172,11 +160,7 @@ def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[
 
 
 def require_off_screen_opengl() -> None:
-    """Find out before a long simulation that its video cannot be drawn.
-
-    Raises:
-        MissingLibraryError: with what is missing and how to get it.
-    """
+    """Raise MissingLibraryError, before a long simulation, where its video cannot be drawn."""
     from tensegrity_mj.commands.doctor import check_opengl, probed
     from tensegrity_mj.errors import MissingLibraryError
 

@@ -217,11 +217,7 @@ def add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
 
 
 def prepare(options: argparse.Namespace) -> None:
-    """Refuse options without those that they need, and make paths of files and folders that can be written.
-
-    Raises:
-        OptionError: naming the option, what it needs, or why nothing can be written there.
-    """
+    """Refuse options without those that they need, and make paths of files and folders that can be written."""
     values = vars(options)
     given = {key: row for key, row in options.prepared.items() if values[key] is not None and values[key] is not False}
     for row in given.values():

@@ -132,11 +132,7 @@ def _draw(text: str) -> studies.Draw:
 
 
 def values_of(text: str, what: str) -> list[Any]:
-    """The values of --vary: a list with commas, or a range.
-
-    Raises:
-        OptionError: for a range that is none.
-    """
+    """Return the values of --vary: a list with commas, or a range; raise OptionError for a range that is none."""
     scaled = text.startswith("*")
     kind, _, rest = text.removeprefix("*").partition(":")
     if kind not in ("linear", "log"):

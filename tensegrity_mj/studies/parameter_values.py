@@ -61,11 +61,7 @@ def encoded(value: Any) -> Any:
 
 
 def decoded(value: Any) -> Any:
-    """The value that a point holds.
-
-    Raises:
-        OptionError: where no number follows a *.
-    """
+    """Return the value that a point holds; raise OptionError where no number follows a *."""
     if isinstance(value, str) and value.startswith("*"):
         try:
             return Scaled(float(value[1:]))
@@ -102,11 +98,7 @@ def parts_of(rest: str, path: str) -> list[str]:
 
 
 def axis_of(others: Sequence[str], path: str) -> int | None:
-    """The component that the last parts of a path name, 0 to 2, or None for all.
-
-    Raises:
-        OptionError: if they name none.
-    """
+    """Return the component, 0 to 2, that the last parts of a path name; None for all; OptionError if they name none."""
     if not others:
         return None
     if len(others) > 1 or others[0] not in AXES:
@@ -145,11 +137,7 @@ def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float] | 
 
 
 def number_from(path: str, value: Any, now: Any) -> float:
-    """Return the value, or the present number `now` scaled by it.
-
-    Raises:
-        OptionError: where that is no finite number.
-    """
+    """Return the value, or the present number `now` scaled by it; raise OptionError where that is not finite."""
     return scaled(path, value, now) if isinstance(value, Scaled) else finite(path, value)
 
 

@@ -75,11 +75,7 @@ class Draft:
         return self
 
     def make_law(self) -> Any:
-        """The law, for the nominal scene; None for none.
-
-        Raises:
-            OptionError: if it cannot be made so.
-        """
+        """Make the law, for the nominal scene; None for none; raise OptionError if it cannot be made so."""
         options, control, spec = dict(self.law_options), self.scene.control, self._law()
         if spec == NO_LAW:
             if options:

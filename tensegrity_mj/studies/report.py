@@ -17,11 +17,7 @@ RUNS = "runs"  # in the folder of a study: its finished runs
 
 
 def runs_in(folder: str | os.PathLike[str] | None) -> Path | None:
-    """Make the folder in which a study keeps its finished runs, and return its path; None without a folder.
-
-    Raises:
-        OptionError: where no folder can be made.
-    """
+    """Make the folder in which a study keeps its finished runs, and return its path; None without a folder."""
     return None if folder is None else made_folder(folder) / RUNS
 
 

@@ -59,11 +59,7 @@ def member_names(scene: Scene, path: str) -> list[str] | None:
 
 
 def single_draws(scene: Scene, draws: Iterable[Draw]) -> tuple[Draw, ...]:
-    """Draws of which each has one parameter: those with [*] for each member by itself.
-
-    Raises:
-        OptionError: as `member_names`.
-    """
+    """Draws of which each has one parameter: those with [*] for each member by itself; see `member_names`."""
     return tuple(
         replace(draw, parameter=path)
         for draw in draws

@@ -250,11 +250,7 @@ def elements_of(scene: Scene) -> dict[str, Any]:
 
 
 def know_elements(places: Mapping[str, str]) -> None:
-    """Register what `elements_of` found, in a process that does not know it yet.
-
-    Raises:
-        OptionError: for a class that another process cannot import.
-    """
+    """Register what `elements_of` found; raise OptionError for a class that this process cannot import."""
     known = registered(Element)
     for kind, place in places.items():
         if kind in known:

@@ -221,11 +221,7 @@ def _connected(address: str | None, client: Any) -> Iterator[Any]:
 
 
 def _check_import(client: Any, module: str) -> None:
-    """Find out before any point that the cluster's workers can import what they need.
-
-    Raises:
-        OptionError: naming the module.
-    """
+    """Raise OptionError, before any point, where the cluster's workers cannot import what they need."""
     for name in (__package__, module):
         try:
             client.run(exec, f"import {name}")  # a builtin, which needs nothing to be sent

@@ -187,11 +187,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
 
 
 def checked_command(what: str, value: ArrayLike, names: list[str]) -> Array:
-    """The value as finite floats, one a string.
-
-    Raises:
-        ControllerError: that names the string at fault.
-    """
+    """Return the value as finite floats, one a string; raise ControllerError that names the string at fault."""
     try:
         array = np.asarray(value)
         if np.iscomplexobj(array):

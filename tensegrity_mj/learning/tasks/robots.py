@@ -105,11 +105,7 @@ def _named(name: str) -> Task:
 
 
 def task_of(task: str | Task) -> Task:
-    """The task of that name.
-
-    Raises:
-        OptionError: if there is none.
-    """
+    """Return the task of that name; raise OptionError if there is none."""
     if isinstance(task, Task):
         return task
     if not isinstance(task, str):

@@ -134,11 +134,7 @@ def is_firm(scene: Scene) -> bool:
 
 
 def varied(base: Structure, axis: str, value: float) -> Structure:
-    """The base with one property set; the number of rods is none of a base.
-
-    Raises:
-        OptionError: for an unknown axis, and for one that varies a rod where there is none.
-    """
+    """The base with one property set; OptionError for an unknown axis, and for one of rods where there are none."""
     u, k = _densities(base), base.stiffness
     match axis:
         case "stiffness":

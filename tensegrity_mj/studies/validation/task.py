@@ -128,11 +128,7 @@ def kept_nodes(run: Trajectory, duration: float) -> dict[str, Any]:
 
 
 def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:
-    """The law with one of X, Y, Z of all rods, or its decay rate, times a factor.
-
-    Raises:
-        OptionError: if gains so scaled are not positive definite.
-    """
+    """The law with X, Y or Z of all rods, or its decay rate, times a factor; OptionError if gains are not definite."""
     if gain == "decay_rate":
         return dataclasses.replace(law, decay_rate=law.decay_rate * factor)
     names = [rod.name for rod in scene.structure.rods] + [point.node for point in scene.structure.lone_masses]
