@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj.basics.texts import file_name
@@ -13,18 +13,18 @@ from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.commands.experiment import law_options_of
 from tensegrity_mj.errors import OptionError
 
-if TYPE_CHECKING:
-    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
-
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
+    from tensegrity_mj.basics.fields import item_of
     from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.tradeoff.advising import sentences
+    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
     from tensegrity_mj.studies.tradeoff.page import has_diagram
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
-    chosen = _options(options)
+    fields, values = item_of(TradeoffOptions).keys, vars(options).items()
+    chosen = TradeoffOptions(**{name: value for name, value in values if name in fields and value is not None})
     scenes = [library.load_scene(name) for name in options.scenes]
     names = [file_name(scene.name) for scene in scenes]
     if len(set(names)) < len(names):
@@ -43,12 +43,3 @@ def execute(options: argparse.Namespace) -> Outcome:
                 study.save_figure(folder / PICTURE)
             print(f"wrote {folder}", file=sys.stderr)
     return Outcome({"status": "completed", "scenes": found}, "\n".join(lines).rstrip())
-
-
-def _options(options: argparse.Namespace) -> TradeoffOptions:
-    from tensegrity_mj.basics.fields import item_of
-    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
-
-    fields = item_of(TradeoffOptions).keys
-    given = {name: value for name, value in vars(options).items() if name in fields and value is not None}
-    return TradeoffOptions(**given)
