@@ -153,7 +153,7 @@ def _print(text: str) -> bool:
 
 
 def _executed(options: argparse.Namespace) -> Outcome:
-    """What a command answers; OptionError where a law exits, whose code would be taken for the command's."""
+    """Run the command; OptionError where a law exits, whose code would be taken for the command's."""
     prepare(options)
     try:
         outcome: Outcome = options.execute(options)
