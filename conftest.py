@@ -38,23 +38,16 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(session_report)
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A longer limit for studies, which take minutes each on an idle machine; and the order for several processes.
 
-    Tests that share a fixture of their module stay in one process, so that it is made once. Slow ones come first, so
-    that none is begun when all other processes are already done.
+    Files with slow tests come first, so that none is begun when all other processes are already done.
     """
     for item in items:
         if item.get_closest_marker("study") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3000))
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        return
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
-    for item in items:
-        found = item._fixtureinfo.name2fixturedefs.values()
-        if any(one.scope in ("module", "class") and one.baseid for definitions in found for one in definitions):
-            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 # Scenes are immutable: one of each serves every test.

@@ -16,7 +16,8 @@ lint=$!
 trap 'kill "$lint" 2>/dev/null || true' EXIT
 see_to_compiling
 failed=0
-"$venv/bin/python" -m pytest -n auto --dist loadgroup "$@" || failed=$?
+# A file in one process: what its tests share (fixtures, compiled functions and programs) is made once. In conftest.py's order.
+"$venv/bin/python" -m pytest -n auto --dist loadfile --no-loadscope-reorder "$@" || failed=$?
 if ! wait "$lint"; then
     failed=1
     say "Style, types or imports are wrong:"
