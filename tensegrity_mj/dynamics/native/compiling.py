@@ -32,24 +32,24 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.py_func, self.targetoptions = function, {"error_model": "numpy"} | options
 
-    def _made(self, **more: Any) -> Any:
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """Function that Python calls."""
         import numba
 
         from tensegrity_mj.dynamics.native.numba_cache import cached
 
         notices.listen()
-        return cached(numba.njit(**self.targetoptions, **more)(self.py_func))
-
-    @functools.cached_property
-    def dispatcher(self) -> Any:
-        """Function that Python calls."""
-        return self._made()
+        return cached(numba.njit(**self.targetoptions)(self.py_func))
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        # For other compiled functions: without wrappers for Python and C, which take longer to compile than it.
-        self._inner = self._made(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-        return self._inner._numba_type_
+        # For other compiled functions: what Python and C would need takes longer to compile than it.
+        from tensegrity_mj.dynamics.native.linked import linked
+
+        notices.listen()
+        self._linked = linked(self.py_func, self.targetoptions)
+        return self._linked._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
         return self.dispatcher(*arguments)

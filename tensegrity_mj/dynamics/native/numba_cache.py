@@ -28,11 +28,10 @@ class Files:
 
     def __init__(self, function: Any, options: dict[str, Any], where: Sequence[Path]) -> None:
         self.function, self.options, self.where = function, options, where
-        self.inner = bool(options.get("no_cpython_wrapper"))  # both kinds of one function may be needed
 
     def _name(self, key: tuple[Any, ...]) -> str | None:
         signature, processor, (_, *closure) = key
-        return entry_name(self.function, repr((signature, processor, closure, self.inner)), self.options)
+        return entry_name(self.function, repr((signature, processor, closure)), self.options)
 
     def load(self, key: tuple[Any, ...]) -> Any:
         """Return what was saved for a key of numba's; None if nothing was, or if it cannot be read."""
