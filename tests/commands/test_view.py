@@ -90,14 +90,21 @@ def test_a_scene_without_a_law_falls_and_starts_with_its_velocities(windows: Sim
     ("words", "reason"),
     [
         ("cross --duration 0.05", "it has a duration or a speed"),
-        pytest.param("pinned_rod --thickness", "--thickness belongs to a run that is played", marks=pytest.mark.slow),
-        pytest.param("cross", "the law keeps something between its calls", marks=pytest.mark.slow),
+        ("short.toml --thickness", "--thickness belongs to a run that is played"),
+        ("short.toml", "the law keeps something between its calls"),
         ("prism --actuation hold-rest-length --control-period 0.01 --duration 0.05", "--actuation hold-rest-length"),
     ],
 )
 def test_what_cannot_run_in_the_viewer_is_simulated_first(
-    words: str, reason: str, windows: SimpleNamespace, capsys: pytest.CaptureFixture[str]
+    words: str,
+    reason: str,
+    windows: SimpleNamespace,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    tmj.save_scene(tmj.load_scene("cross").with_(duration=0.05, name="short"), "short.toml")
     assert main(["view", *words.split()]) == 0
     assert f"simulated first, then played: {reason}" in capsys.readouterr().err
     assert not windows.launched

@@ -83,7 +83,7 @@ PATHS = [
 
 @pytest.mark.slow
 def test_derivatives_are_those_of_differences_and_intervals_cover_the_truth() -> None:
-    scene = prism_at_work(1.2)
+    scene = prism_at_work(0.6)
     run = tmj.simulate(scene, engine="mujoco", timestep=1e-3, output_interval=0.03)
     assert run.tensions.min() > 0
     unknowns, truth = unknowns_of(scene, PATHS, 1)
