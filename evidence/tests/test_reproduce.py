@@ -110,6 +110,7 @@ def test_known_differences_are_still_there(made: Reproduction) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_all_rows_of_the_beam_are_reproduced_or_explained(tmp_path: Path) -> None:
     """Run the DAE alone; tests/engines/test_every_scene_agrees.py compares MuJoCo with it."""
     found = reproduce(("4.7", "4.8", "4.9", "4.10", "4.11"), tmp_path, engines=BOTH[:1], workers=HERE)

@@ -116,22 +116,26 @@ from tensegrity_mj.runs.netcdf import opened
 
 run = tmj.simulate("pinned_rod", controller=None, engine="dae", integrator="rk4", timestep=0.01, duration=1.0)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), -1))
-try:
-    run.save(sys.argv[2])
-except tmj.TensegrityError as error:
-    print(error)
+for path in sys.argv[2:]:
+    try:
+        run.save(path)
+    except tmj.TensegrityError as error:
+        print(error)
 """
 
 
-@pytest.mark.parametrize("name", ["run.nc", "run.csv", "run.mat"])
 @pytest.mark.parametrize("room", [0, 5_000])
-def test_a_disk_that_fills_while_a_run_is_written_is_one_message(tmp_path: Path, name: str, room: int) -> None:
-    (tmp_path / name).write_text("the old")
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(room), str(tmp_path / name)], capture_output=True, text=True
-    )
+def test_a_disk_that_fills_while_a_run_is_written_is_one_message(tmp_path: Path, room: int) -> None:
+    paths = [tmp_path / name for name in ("run.nc", "run.csv", "run.mat")]
+    for path in paths:
+        path.write_text("the old")
+    command = [sys.executable, "-c", LIMITED, str(room), *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0  # HDF5 ends the process later where a file was open in it
     assert done.stderr == ""
-    assert re.fullmatch(r".*/run\.\w+: cannot be written \(File too large\); make room .*\n", done.stdout)
-    assert (tmp_path / name).read_text() == "the old"
-    assert len(list(tmp_path.iterdir())) == 1
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(paths)
+    for path, line in zip(paths, lines, strict=True):
+        assert re.fullmatch(rf".*/{path.name}: cannot be written \(File too large\); make room .*", line)
+        assert path.read_text() == "the old"
+    assert len(list(tmp_path.iterdir())) == len(paths)

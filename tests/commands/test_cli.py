@@ -319,8 +319,9 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 
 @pytest.mark.usefixtures("no_simulation")
-@pytest.mark.parametrize("where", [">/dev/full", ">&-"])
-@pytest.mark.parametrize("words", ["scenes --json", "scenes prism", "--version"])
+@pytest.mark.parametrize(
+    ("where", "words"), [(">/dev/full", "scenes --json"), (">&-", "scenes prism"), (">/dev/full", "--version")]
+)
 def test_an_answer_that_cannot_be_printed_is_one_message(where: str, words: str) -> None:
     command = f"{shlex.quote(sys.executable)} -m tensegrity_mj {words}"
     done = subprocess.run(["sh", "-c", f"{command} {where}"], capture_output=True, text=True)

@@ -238,7 +238,7 @@ def test_the_whole_motion(mode: str, duration: float) -> None:
     law = tmj.controllers.from_scene(scene)
     sampled = mode == "sampled"
     actuation = HELD if sampled else tmj.Actuation.continuous()
-    run = tmj.simulate(scene, law, tmj.MuJoCo(1e-2), duration, actuation=actuation, output_interval=0.1)
+    run = tmj.simulate(scene, law, tmj.MuJoCo(1e-2), duration=duration, actuation=actuation, output_interval=0.1)
     factor = duration / run.cost["wall_time"]
     print(f"\nplanar_beam, {mode}: {factor:.1f} times real time, error {run.target_error().max():.2g} m,")
     print(f"residual {np.nanmax(run.allocation_residual):.2g}, least u {run.force_densities.min():.3g} N/m")
