@@ -6,7 +6,6 @@ by the transpose (`nodal_forces`). Supports leave the free coordinates of `free_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -149,7 +148,8 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
     for rod, (i, j), span in zip(structure.rods, ends.tolist(), spans, strict=True):
         sigma = rod.support.sigma
         add({i: 1.0, j: 1.0}, rod.support.translation_basis)
-        add({i: -sigma, j: 1.0 - sigma}, _turning_basis(span, rod.support.plane))
+        across = [span] if rod.support.plane is None else [span, rod.support.plane]  # b turns across these
+        add({i: -sigma, j: 1.0 - sigma}, null_space_basis(np.array(across, float)))
     for point in structure.lone_masses:
         add({structure.node_index[point.node]: 1.0}, point.translation_basis)
     for frame in structure.moving_frames:
@@ -294,11 +294,6 @@ def nodes_of(structure: Structure, nodes: ArrayLike | None) -> Array:
     if nodes is None:
         return structure.positions
     return real_array("nodes", nodes, (len(structure.nodes), 3), "m", False, StructureError)
-
-
-def _turning_basis(span: Array, plane: Sequence[float] | None) -> Array:
-    """Orthonormal basis of the directions in which b = span / ℓ can turn: (3, 2), or (3, 1) in a plane."""
-    return null_space_basis(np.array([span] if plane is None else [span, plane], float))
 
 
 def _held(free: Array, force: Array) -> Array:

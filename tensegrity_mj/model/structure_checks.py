@@ -199,10 +199,11 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
 def check_prestress(string: String, length: float, rest: float) -> None:
     """Raise StructureError unless how a string is taut at a length [m] leaves it a rest length [m] above zero."""
     wanted = string.tension if string.force_density is None else string.force_density * length
-    if string.curve and wanted is not None and string.curve[-1][1] < wanted and _is_level(string):
+    before, last = [0.0, 0.0, *(tension for _, tension in string.curve)][-2:]
+    if string.curve and wanted is not None and before == last < wanted:
         raise StructureError(
-            f"string '{string.name}': its curve is level at {string.curve[-1][1]:g} N, and its prestress would be "
-            f"{wanted:g} N: no stretch has that; give it at most {string.curve[-1][1]:g} N, or a curve that rises"
+            f"string '{string.name}': its curve is level at {last:g} N, and its prestress would be {wanted:g} N: no "
+            f"stretch has that; give it at most {last:g} N, or a curve that rises"
         )
     if not string.is_linear and not string.is_constant and not rest > 0:
         raise StructureError(
@@ -217,11 +218,6 @@ def check_prestress(string: String, length: float, rest: float) -> None:
                 f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "
                 "rest length above zero: use a stiffer string, or less prestress"
             )
-
-
-def _is_level(string: String) -> bool:
-    """Return whether a string's curve ends with a slope of zero."""
-    return len(string.curve) > 1 and string.curve[-1][1] == string.curve[-2][1]
 
 
 class _Piece(NamedTuple):

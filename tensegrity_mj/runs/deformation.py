@@ -76,7 +76,7 @@ def deformation(run: Trajectory, groups: Sequence[Sequence[int]] | None = None) 
         groups: indices of the nodes of each interconnection; a tower's own by default, see `interconnections`.
 
     Raises:
-        OptionError: where none are given and the structure is no tower of three stages or more.
+        OptionError: where none are given and the structure is no tower of four stages or more.
     """
     chosen = interconnections(run.scene.structure) if groups is None else groups
     return distances_from_line(centres(run.nodes, chosen))

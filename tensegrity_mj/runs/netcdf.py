@@ -95,7 +95,9 @@ def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str 
         for name, (_, values, _) in variables.items():
             data = np.asarray(values)
             kind = h5py.string_dtype() if isinstance(values, tuple) else np.dtype(float)
-            made[name] = file.create_dataset(name, data=data.astype(kind), track_order=True, **_room(data.shape))
+            # Contiguous storage, but for what has a dimension without end.
+            most = None if all(data.shape) else tuple(size or None for size in data.shape)
+            made[name] = file.create_dataset(name, data=data.astype(kind), track_order=True, maxshape=most)
             if name in numbers:
                 made[name].make_scale(name)
         for name, (dimensions, _, described) in variables.items():
@@ -115,8 +117,3 @@ def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str 
     with open(path, "wb") as out:
         out.write(content)
         out.write(SEAL + hashlib.sha256(content).hexdigest().encode())
-
-
-def _room(shape: tuple[int, ...]) -> dict[str, Any]:
-    """Contiguous storage, but for what has a dimension without end."""
-    return {} if all(shape) else {"maxshape": tuple(size or None for size in shape)}

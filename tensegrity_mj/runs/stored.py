@@ -60,18 +60,14 @@ def variables_in_file(run: RecordedRun, water_loads: bool = False) -> Variables:
     labels = {
         name: ((name,), names, {"long_name": known.LABELS[name]}) for name, names in known.labels_of(run.scene).items()
     }
+    # Units as CF has them, udunits'; a note in their place where a law or an element defines one.
     data = {
-        name: (dimensions, values, _units(unit) | {"long_name": meaning})
+        name: (dimensions, values, {"unit_note" if " " in unit else "units": unit, "long_name": meaning})
         for name, (dimensions, unit, meaning, values) in recorded(run, water_loads).items()
     }
     if "element_states" in data:
         data["element_states"][2]["names"] = ", ".join(run.element_state_names)
     return {"time": data.pop("time"), **labels, **data}
-
-
-def _units(unit: str) -> dict[str, str]:
-    """Attributes of a unit as CF has it: one of udunits; a note instead where a law or an element defines it."""
-    return {"unit_note": unit} if " " in unit else {"units": unit}
 
 
 def attributes_in_file(run: RecordedRun) -> dict[str, str | int]:

@@ -220,7 +220,7 @@ class MinimalMass:
         least = np.concatenate([problem.least_tension, np.full(problem.bars.shape[1], -np.inf)])
         for number, external in enumerate(problem.forces):
             case = "" if len(problem.forces) == 1 else f" of load case {number}"
-            moved = _left(matrix, external)
+            moved = float(np.linalg.norm(matrix @ np.linalg.lstsq(matrix, -external, rcond=RANK)[0] + external))
             if moved > SEEN:
                 return (
                     f"{name}: the loads{case} push with {force * moved:.3g} N along motions that change no member's "
@@ -276,13 +276,6 @@ def _governs(masses: Array, needs: Array, least: Array, buckles: NDArray[np.bool
     reasons = (Governs.YIELD, Governs.NOTHING, Governs.LEAST_RADIUS, Governs.BUCKLING)
     found = np.select([~(masses > 0), needs < least * (1 - 1e-9), buckles], [1, 2, 3], 0)
     return tuple(reasons[k] for k in found.tolist())
-
-
-def _left(matrix: Array, external: Array) -> float:
-    """Return the norm of the loads that no member forces, of either sign, can balance."""
-    if not matrix.size:
-        return float(np.linalg.norm(external))
-    return float(np.linalg.norm(matrix @ np.linalg.lstsq(matrix, -external, rcond=RANK)[0] + external))
 
 
 def _check_supports(structure: Structure) -> None:

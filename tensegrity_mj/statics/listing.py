@@ -35,10 +35,9 @@ def statistics(values: Array) -> dict[str, float]:
 def by_member(members: Sequence[Rod] | Sequence[String], columns: Mapping[str, Iterable[Any]]) -> Any:
     """Return each member's entries of the columns, by name, as plain values; None for numbers that are not finite."""
     return {
-        member.name: {key: _known(plain(x)) for key, x in zip(columns, row, strict=True)}
+        member.name: {
+            key: None if isinstance(shown := plain(x), float) and not np.isfinite(shown) else shown
+            for key, x in zip(columns, row, strict=True)
+        }
         for member, *row in zip(members, *columns.values(), strict=True)
     }
-
-
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -291,6 +291,14 @@ def test_laws_see_massless_strings() -> None:
         _ = replace(structure, strings=hanging).massless
 
 
+def test_a_scene_whose_string_hangs_on_a_rope_is_read_as_saved(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """No law sees it as a massless string; without one the scene is as valid in a file as in Python."""
+    scene = mast()
+    tied = replace(scene.structure, strings=(tmj.String("s3", ("s1.2", "a"), 10.0), *scene.structure.given.strings))
+    made = tmj.Scene(tied, gravity=scene.gravity, initial_velocities=0 * tied.positions)
+    assert tmj.load_scene(save_scene(made, tmp_path / "scene.toml")) == made
+
+
 def test_supports_that_move_at_the_start_take_ropes_with_them() -> None:
     rows = ([0.05, 0.0, 0.0], [0.0, 0.2, 0.1])
     rates, none = ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0]), ([0.0, 0.0, 0.0],) * 2

@@ -5,11 +5,11 @@ Numbers are written with the fewest digits that read back to the same float. The
 not valid), always with the file first.
 
 keys               what each table may hold, and how much a file may
-parsing            TOML into tables, in bounded time
-table              reads the keys of a table with their types
-structures, scenes make members and parts of what tables hold
+codec              tables, whose keys have types, into values and back
+structures         members of what tables hold
 sources, reading   texts and files in
 writing            texts and files out
+schema             the format as a JSON Schema, for editors
 """
 
 from tensegrity_mj.model.text.reading import scene_from_toml as scene_from_toml

@@ -123,7 +123,8 @@ def parse(text: str, where: str) -> dict[str, Any]:
         FormatError: if it is not valid TOML, has a key of more than `MOST_DEPTH` parts (the time to read one grows as
             their square), or values that stand in each other deeper than that.
     """
-    found = _LONG_KEY.search(_TEXTS.sub(_as_word, text))
+    # A text in quotes may be a part of a key, and counts as a word; a comment as nothing.
+    found = _LONG_KEY.search(_TEXTS.sub(lambda one: "" if one[0].startswith("#") else "q", text))
     if found is not None:
         raise FormatError(
             f"{where}: a dotted key, {found[0]}..., has more than {known.MOST_DEPTH} parts; docs/format.md describes "
@@ -142,11 +143,6 @@ def parse(text: str, where: str) -> dict[str, Any]:
             "docs/format.md describes"
         )
     return data
-
-
-def _as_word(found: re.Match[str]) -> str:
-    """Return a word in place of a text in quotes, which may be a part of a key; "" for a comment."""
-    return "" if found[0].startswith("#") else "q"
 
 
 def _deeper(data: Any, most: int) -> bool:
@@ -168,13 +164,18 @@ def scene_of(top: Table, structure: Structure, folder: Path | None = None) -> Sc
     table = top.inside("scene", known.SCENE_KEYS) if "scene" in top.data else Table({}, top.where, "scene", None)
     whole = read(Whole, table.inside("whole")) if "whole" in table.data else None
     placed = structure if whole is None else structure.moved(whole.rotation, whole.translation)
-    keys, given = item_of(Scene).keys, {}
+    keys = item_of(Scene).keys
+    given: dict[str, Any] = {}
+    starts = {"initial_nodes": structure.positions, "initial_velocities": np.zeros_like(structure.positions)}
     for key in known.SCENE_KEYS:
-        if key in table.data and key in keys:
-            by_node = BY_NODE.get(key)
-            # Values in the world frame, such as a target, refer to the structure where it stands.
-            whose = structure if key in ("initial_nodes", "initial_velocities") else placed.massless
-            given[key] = by_node(table, whose) if by_node else read_key(keys[key], table, key)
+        if key not in table.data or key not in keys:
+            continue
+        if key in starts:
+            given[key] = table.inside(key).node_rows(structure, starts[key])
+        elif key == "target":  # in the world frame: of the structure where it stands
+            given[key] = _target(table, placed.massless)
+        else:
+            given[key] = read_key(keys[key], table, key)
     if whole is not None:
         turn = rotation_matrix(whole.rotation).T
         shifts = {"initial_nodes": np.array(whole.translation), "initial_velocities": np.zeros(3)}
@@ -191,14 +192,6 @@ def _shaken(table: Table, folder: Path | None, scene: Scene) -> Scene:
         raise table.fail("file", "in a file: a text on its own has no folder that a path could be relative to")
     given = {key: read_key(keys[key], table, key) for key in known.GROUND_KEYS[1:] if key in table.data}
     return built(table, Ground, lambda: load_ground(folder / name, **given).shake(scene))
-
-
-def _initial_nodes(scene: Table, structure: Structure) -> Array:
-    return scene.inside("initial_nodes").node_rows(structure, structure.positions)
-
-
-def _initial_velocities(scene: Table, structure: Structure) -> Array:
-    return scene.inside("initial_velocities").node_rows(structure, np.zeros_like(structure.positions))
 
 
 def _target(scene: Table, structure: Structure) -> Target:
@@ -246,14 +239,6 @@ def _node_tables(
     if not numbers:
         raise table.fail(key, "an array of at least one table")
     return numbers, positions
-
-
-# Readers of the tables that name nodes of the structure.
-BY_NODE: dict[str, Callable[[Table, Structure], Any]] = {
-    "initial_nodes": _initial_nodes,
-    "initial_velocities": _initial_velocities,
-    "target": _target,
-}
 
 
 COLUMNS = ("time", "ax", "ay", "az")
