@@ -68,8 +68,8 @@ def write_sweep_page(
     meanings = [[name, table.MEASURES[name].meaning, table.MEASURES[name].unit] for name in wanted]
     tables = [
         Table("Points", heads, lines, note, folded=len(lines) > LONG),
-        Table("What was kept", ["measure", "meaning", "unit"], meanings, folded=True),
-        Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
+        Table("Measures", ["measure", "meaning", "unit"], meanings, folded=True),
+        Table("Settings held fixed", ["", ""], _fixed(sweep, study), folded=True),
     ]
     sections = pictures_and_tables(figures(rows, axes, drawn, measures), tables)
     return Page(f"Sweep of {scene.name}", scene.source, judgement_of(sweep, study, measures), sections).write(path)
@@ -86,9 +86,9 @@ def _verdict(name: str, rows: Sequence[table.Row]) -> str:
     ended = counts(rows)
     done = ended.get("completed", 0)
     if done == len(rows):
-        return f"All {len(rows)} points of {name} ran to their end without a doubt."
+        return f"All {len(rows)} points of {name} completed without a doubt."
     others = ", ".join(f"{count} {status}" for status, count in ended.items() if status != "completed")
-    return f"{done} of {len(rows)} points of {name} ran to their end without a doubt; {others}."
+    return f"{done} of {len(rows)} points of {name} completed without a doubt; {others}."
 
 
 def _findings(rows: Sequence[table.Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:

@@ -647,7 +647,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["sweep", "pinned_rod", "--vary", "law.decay_rate=0.1,-1", *ALONE, "--measures", "end_time"]
     assert main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines.pop(0) == "1 of 2 points of pinned_rod ran to their end without a doubt; 1 failed."
+    assert lines.pop(0) == "1 of 2 points of pinned_rod completed without a doubt; 1 failed."
     lines = lines[lines.index("") + 1 :]
     assert lines[0].split() == ["law.decay_rate", "status", "end", "time"]
     assert lines[1].split() == ["0", "0.1", "completed", "0.2"]
@@ -667,7 +667,7 @@ def test_runs_that_warned_are_in_doubt() -> None:
     assert "rest length of zero or less" in doubtful.reason
     assert counts([sound, doubtful]) == {"completed": 1, "in doubt": 1}
     found = judgement_of(sweep, study)
-    assert found.verdict == "1 of 2 points of pinned_rod ran to their end without a doubt; 1 in doubt."
+    assert found.verdict == "1 of 2 points of pinned_rod completed without a doubt; 1 in doubt."
     # How large a number is over a sweep is no judgement of it.
     assert found.findings[0].mark.value == "limited"
     assert {one.mark.value for one in found.findings[1:]} == {"not judged"}

@@ -302,7 +302,7 @@ def test_the_summary_says_what_a_user_can_act_on(report: Any) -> None:
         {"law": "other", "starts": 4, "converged": 1.0, "kept": None},
     ]
     assert _start_sentences(setup, "starts", {"fractions": fractions}) == [
-        "Of 4 random starts each, there converge: mine: 50% (25% with V as promised all the way); other: 100%.",
+        "Random starts that converge, of 4 each: mine: 50% (25% with V as promised all the way); other: 100%.",
         "Where V leaves its promise, fixed steps of 5 ms passed a singularity of the law, or were too long for it: do "
         "not count on these starts.",
     ]
@@ -331,7 +331,7 @@ def test_a_run_that_does_not_converge_does_not_set_what_converging_is(pinned_rod
     assert not any("olerate a delay" in sentence for sentence in report.summary)
     (unjudged,) = [sentence for sentence in report.summary if "not judged" in sentence]
     assert unjudged == (
-        "Delay: not judged, because the law does not do what it should even without (still moving); give it more time "
+        "Delay: not judged, because the law misses its goal even undisturbed (still moving); give it more time "
         "(--duration). The table has the runs."
     )
     assert [one.mark.value for one in report.judgement.findings] == ["limited", "good", "not judged"]

@@ -130,7 +130,7 @@ def _agreement(title: str, part: Data, pictures: list[Any]) -> Section:
     ]
     parts = [*pictures, Table("", ("", "agree", "of", "largest difference"), engines)]
     if total["causes"]:
-        parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
+        parts.append(Table("Causes of the differences", ("cause", "comparisons"), list(total["causes"].items())))
     return Section(title, (f"Seed {part['seed']}: {agreement(part)}.",), parts)
 
 

@@ -127,7 +127,9 @@ def _advice(data: Data) -> Iterator[Table]:
         title = experiment["title"][:1].upper() + experiment["title"][1:]
         yield Table(title, advising.ADVICE, facts, "" if facts else advising.why_none(experiment))
     if floors:
-        yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
+        yield Table(
+            "Held controls", ("", "modelling error, which no step reduces, and a setting that is fine enough"), floors
+        )
 
 
 def _reference(experiment: Data) -> list[tuple[str, object]]:

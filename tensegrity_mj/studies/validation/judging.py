@@ -153,7 +153,7 @@ def summary(setup: Setup, found: Data) -> list[tuple[str, str]]:
         sentences.append(("nominal", "MuJoCo alone has contact: no other engine confirms what is said here."))
     if found.get("starts_that_differ"):
         count = len(found["starts_that_differ"])
-        text = f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines."
+        text = f"{count} of the starts {'ends' if count == 1 else 'end'} differently in other engines."
         sentences.append(("starts", text))
     return [(section, sentence) for section, sentence in sentences if sentence]
 
@@ -186,11 +186,13 @@ def _unjudged_sentence(section: str, part: Data, nominal: Data) -> str:
     head = f"{SECTIONS[section][:1].upper()}{SECTIONS[section][1:]}: not judged"
     if section in TOLERATED and not reached(nominal):
         more = "; give it more time (--duration)" if nominal["outcome"] == "still moving" else ""
-        why = f"the law does not do what it should even without ({nominal['outcome']}){more}"
+        why = f"the law misses its goal even undisturbed ({nominal['outcome']}){more}"
         why = "the nominal run is not" if nominal["judgement"]["word"] == UNJUDGED else why
         return f"{head}, because {why}. The table has the runs."
     if nominal["outcome"] in NO_MEASURE:
-        return f"{head}, because the nominal run is no measure ({nominal['outcome']}). The table has the runs."
+        return (
+            f"{head}, because there is no nominal run to compare with ({nominal['outcome']}). The table has the runs."
+        )
     reasons = dict.fromkeys(one["judgement"]["reason"] for one in part["rows"] if one["judgement"]["reason"])
     return f"{head}, because {in_short(list(reasons)) or 'there is no run of it'}."
 
@@ -276,7 +278,7 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
     if winch["peak"] is not None:
         peak, done, back = winch["peak"], *(quantity(winch[key], "J") for key in ("done", "recovered"))
         sentences.append(
-            f"The winches do {done} and get {back} back; the power of a single one, done or got back, is up to "
+            f"The winches spend {done} and recover {back}; the peak power of one winch is "
             f"{quantity(peak['value'], 'W')} ({peak['of']} at {peak['time']:g} s)."
         )
     return sentences
@@ -299,7 +301,7 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
             )
         if bad:
             periods = ", ".join(f"{1e3 * one['period']:g} ms" for one in bad)
-            sentences.append(f"{mode} does not do at {periods} ({_outcomes(bad)})")
+            sentences.append(f"{mode} fails at {periods} ({_outcomes(bad)})")
     return [f"{text[0].upper()}{text[1:]}." for text in sentences]
 
 
@@ -376,7 +378,7 @@ def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     key = "law" if "law" in part["fractions"][0] else "amplitude"
     heads = {"law": "{}", "amplitude": "amplitude {:g}"}
     listed = "; ".join(f"{heads[key].format(one[key])}: {_share(one)}" for one in part["fractions"])
-    sentences = [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {listed}."]
+    sentences = [f"Random starts that converge, of {part['fractions'][0]['starts']} each: {listed}."]
     if any(_promise(one) for one in part["fractions"]):
         # On the pinned rod error-controlled runs stop there, but for a few that need shorter steps only.
         held = f"fixed steps of {1e3 * setup.timestep:g} ms" if setup.continuous else "held controls"

@@ -136,7 +136,7 @@ def _nominal(data: Data) -> Section:
         parts.append(Table("Agreement", ("engines", "largest node difference [m]"), rows))
     for engine, one in list(runs.items())[:1]:
         parts += _strings(one, engine)
-    return Section("As it is meant to be", (), parts)
+    return Section("Nominal run", (), parts)
 
 
 def _value(one: Data, *keys: str) -> Any:
@@ -160,14 +160,14 @@ def _strings(one: Data, engine: str) -> Iterator[Table]:
         [name, work["done"], work["recovered"], work["peak"], work["mean"], rates[name]]
         for name, work in strings.items()
     ]
-    heads = ("string", "work done [J]", "got back [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
+    heads = ("string", "work done [J]", "recovered [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
     yield Table(f"Each winch, {title(engine)}", heads, rows, folded=len(rows) > LONG)
 
 
 def _details(data: Data) -> Section:
     rows: Sequence[Sequence[object]] = [
         ["law", data["law"]["from"]],
-        ["what it says of itself", data["law"]["description"]],
+        ["description", data["law"]["description"]],
         ["setup", data["setup"]],
         ["versions", data["versions"]],
     ]
@@ -239,7 +239,7 @@ def _sampling(data: Data) -> Iterator[Picture]:
                 )
     if panel.lines:
         frame(panel, "", "control period [ms]", "largest node error [m]")
-        yield Picture(figure, "What sampling costs: the largest node error against the control period.")
+        yield Picture(figure, "Error by sampling: the largest node error against the control period.")
 
 
 def _gains(data: Data) -> Iterator[Picture]:
@@ -269,9 +269,9 @@ AGAINST: dict[str, Any] = {
             ("position_std", "velocity_std", "noise of positions [m]"),
             ("velocity_std", "position_std", "of velocities [m/s]"),
         ),
-        "What sensor noise leaves of the target error.",
+        "Target error at the end, with sensor noise.",
     ),
-    "delay": ((("samples", "", "delay [samples]"),), "What a delay leaves of the target error."),
+    "delay": ((("samples", "", "delay [samples]"),), "Target error at the end, with a delay."),
 }
 
 
