@@ -217,6 +217,7 @@ def growing_circle(scene: Scene, frequency: float, within: float) -> Motion:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_what_the_circular_amplitudes_hang_on() -> None:
     """The numbers of the causes of 3.8-axis and 3.8-ratio, to half of their last digits, and what they do to rows."""
     scene = series.hanging(13)
