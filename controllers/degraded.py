@@ -177,7 +177,7 @@ class Noisy(_Sampled):
         position_std: standard deviation of each coordinate [m], >= 0.
         velocity_std: the same of velocities [m/s].
         seed: an integer >= 0.
-        period: of the control samples [s]; the run must have the same.
+        period: period of the control samples [s]; the run must have the same.
 
     Raises:
         OptionError: for values out of range.
@@ -240,7 +240,7 @@ class Delayed(_Sampled):
     Args:
         law: any law.
         samples: the delay, an integer >= 0.
-        period: of the control samples [s]; the run must have the same.
+        period: period of the control samples [s]; the run must have the same.
 
     Raises:
         OptionError: for values out of range.

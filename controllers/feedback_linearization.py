@@ -234,7 +234,7 @@ class FeedbackLinearization(ModelLaw):
         ...: those of `ModelLaw`, such as its structure and its target.
         natural_frequency: ω_o [rad/s] > 0, a number or one for each of `coordinates`.
         damping: ζ >= 0 of the error dynamics, likewise.
-        allocation: of the force densities.
+        allocation: objective and constraints of the force densities.
         report: after each call, see `Report`.
 
     Raises:

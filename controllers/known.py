@@ -130,7 +130,7 @@ class PackedEffects:
     """Effects that a law accounts for, packed for `dynamics.native.elements.known_forces`; to be kept alive.
 
     Attributes:
-        address: of the table, 0 where nothing is known of.
+        address: address of the table, 0 where nothing is known of.
         failure: the exception of an element in Python, in a list of at most one.
         in_python: whether there may be such elements.
     """

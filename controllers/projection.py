@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.controllers import known, quadratic_law, quadratic_terms, table
-from tensegrity_mj.controllers.gains import gain_records
+from tensegrity_mj.controllers.quadratic_terms import gain_records
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Projection(quadratic_law.QuadraticLaw):
 
     @cached_property
     def gains(self) -> np.ndarray[Any, Any]:
-        """X, Y, Z and K of every rod and point mass, as records of dtype `gains.GAINS`."""
+        """X, Y, Z and K of every rod and point mass, as records of dtype `quadratic_terms.GAINS`."""
         return gain_records(self.structure, self.translation, self.rotation, self.stiffness)
 
     def describe(self) -> dict[str, Any]:

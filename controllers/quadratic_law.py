@@ -18,6 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.basics.hints import fitted, hints_of
 from tensegrity_mj.basics.kinds import Kind, Wrong
+from tensegrity_mj.controllers import quadratic_terms as shared
 from tensegrity_mj.controllers.allocation import (
     StringLimits,
     feasibility_margin,
@@ -25,19 +26,8 @@ from tensegrity_mj.controllers.allocation import (
     least_squares,
     write_ceilings,
 )
-from tensegrity_mj.controllers.gains import Gains, GainsOfRods, gain_records
 from tensegrity_mj.controllers.known import ModelLaw, PackedEffects, described
-from tensegrity_mj.controllers.quadratic_terms import (
-    ONTO_CURRENT,
-    ONTO_TARGET,
-    PLAIN,
-    Known,
-    Onto,
-    Terms,
-    pack_known,
-    quadratic_terms,
-    world_gains,
-)
+from tensegrity_mj.controllers.quadratic_terms import Known, quadratic_terms
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
 from tensegrity_mj.dynamics.native.pointers import (
@@ -145,8 +135,8 @@ class QuadraticLaw(ModelLaw):
 
     decay_rate: Annotated[float, kinds.positive("1/s")] = 1.0
     norm: Annotated[float, Kind(_norm)] = 2
-    translation: GainsOfRods = field(default_factory=Gains)
-    rotation: GainsOfRods = field(default_factory=Gains)
+    translation: shared.GainsOfRods = field(default_factory=shared.Gains)
+    rotation: shared.GainsOfRods = field(default_factory=shared.Gains)
     minimum_force_density: ArrayLike = 0.0
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
@@ -168,14 +158,14 @@ class QuadraticLaw(ModelLaw):
         _ = self.gains
 
     @property
-    def projected_onto(self) -> Onto | None:
+    def projected_onto(self) -> shared.Onto | None:
         """Plane that the errors of b are projected onto; None for no projection."""
         return None
 
     @cached_property
     def gains(self) -> np.ndarray[Any, Any]:
-        """X, Y, Z and K of every rod and point mass, as records of dtype `gains.GAINS`."""
-        return gain_records(self.structure, self.translation, self.rotation)
+        """X, Y, Z and K of every rod and point mass, as records of dtype `quadratic_terms.GAINS`."""
+        return shared.gain_records(self.structure, self.translation, self.rotation)
 
     @cached_property
     def floor(self) -> Array:
@@ -210,8 +200,8 @@ class QuadraticLaw(ModelLaw):
             "node_count": len(own.nodes),
             "rods": rods,
             "points": points,
-            "gains": world_gains(self.gains, [*rods, *points]),
-            "kind": {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto],
+            "gains": shared.world_gains(self.gains, [*rods, *points]),
+            "kind": shared.PROJECTIONS[self.projected_onto],
             "segments": own.paths.nodes,
             "ranges": own.paths.ranges,
             "target": self._packed_target.address,
@@ -238,7 +228,7 @@ class QuadraticLaw(ModelLaw):
         # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
         room = _room.py_func(len(own.nodes), len(own.strings), self._effects.address)
         scratch = np.empty(room if room > STACK_LIMIT else 0)
-        known = pack_known(**self._known, scratch=address_of(scratch) if len(scratch) else 0)
+        known = shared.pack_known(**self._known, scratch=address_of(scratch) if len(scratch) else 0)
         return NativeLaw(
             address=_law.address,
             context=known.address,
@@ -297,7 +287,7 @@ class QuadraticLaw(ModelLaw):
         u, report = self.reported(time, nodes, velocities)
         return u, float(report[Report.FEASIBILITY_MARGIN]), float(report[Report.LYAPUNOV])
 
-    def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
+    def terms(self, time: float, nodes: Array, velocities: Array) -> shared.Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu, at one state."""
         count = len(self.structure.nodes)
         influence, pushed, f = np.empty((count, 3)), np.empty((2 * count, 3)), np.empty(len(self.structure.strings))
@@ -305,7 +295,7 @@ class QuadraticLaw(ModelLaw):
         status, error, velocity, beta = _terms_at(*state, self._compiled.context, influence, pushed, f)
         if status != SOLVED:
             raise self._effects.failure.pop()
-        return Terms(error, velocity, beta, f)
+        return shared.Terms(error, velocity, beta, f)
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Report if the (last) target is an equilibrium, as the theorems assume: residual [N], u [N/m], modes."""

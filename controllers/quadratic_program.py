@@ -32,7 +32,7 @@ class Columns(NamedTuple):
 
     Attributes:
         starts: (M + 1,), where each column starts.
-        rows, values: of the non-zeros; rows of a column increase.
+        rows, values: row and value of each non-zero; rows of a column increase.
         first: the first row that each row of G H⁻¹Gᵀ is coupled with; nothing fills in before it.
     """
 
@@ -46,7 +46,7 @@ class Program(NamedTuple):
     """Objective and constraints of a quadratic program.
 
     Attributes:
-        columns: of G.
+        columns: the non-zeros of G.
         equalities: n; the rows after them are S u >= s, whose multipliers stay >= 0.
         h: (M,) the diagonal of H.
         lo, hi: (M,) bounds of u.

@@ -35,7 +35,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
             law object or a function. What a text names may be a law, or a function or class of the scene that makes
             one (see `own`).
         scene: the scene that it controls.
-        options: of a law that is given by a text, by their names.
+        options: options of a law that is given by a text, by their names.
 
     Raises:
         OptionError: if there is no such law, and for options of none or of an object, which has been made with its own.

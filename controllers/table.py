@@ -16,7 +16,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.basics.installed import installed, load
+from tensegrity_mj.basics.dependencies import installed, load
 
 if TYPE_CHECKING:
     from tensegrity_mj.controllers.own import OwnLaw

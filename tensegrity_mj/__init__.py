@@ -7,7 +7,7 @@ import of their own `dm_control`, `library`, `vibration`.
 
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.basics import pictured
+from tensegrity_mj.basics import notebook_pictures
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
@@ -63,4 +63,4 @@ def _draw(item: "Scene | Trajectory") -> bytes | None:
     return video.png_of(item) if isinstance(item, Scene) else plots.png_of(item)
 
 
-pictured.draw = _draw
+notebook_pictures.draw = _draw

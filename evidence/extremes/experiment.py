@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from evidence.extremes import laws
+from evidence.random_structures import random_structure
 from tensegrity_mj.basics.arrays import Array, unit
-from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

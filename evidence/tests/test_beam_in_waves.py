@@ -26,8 +26,8 @@ from evidence.thesis.reproduction import reproduce
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.beam_in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from tensegrity_mj.library.cross import cross
+from tensegrity_mj.library.in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from tensegrity_mj.library.tower import tower, tower_length
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of

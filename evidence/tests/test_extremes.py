@@ -34,9 +34,9 @@ from evidence.extremes.verdicts import (
     judge_error,
     lacks,
 )
+from evidence.random_structures import random_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, StructureError
-from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.studies.workers import Backend, Workers

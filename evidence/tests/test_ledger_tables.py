@@ -27,7 +27,7 @@ from evidence.thesis.page import counts_by_class, summary
 from evidence.thesis.statement import Class, Interval, KnownDifference
 from evidence.thesis.tables import FILES, FOLDER, read_table
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.library.tower_in_waves import tower_in_waves
+from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.studies.workers import Backend, Workers
 
 ROWS = {one.id: one for one in STATEMENTS}

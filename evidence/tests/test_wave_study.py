@@ -25,10 +25,10 @@ from evidence.thesis.runs import Computed
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.library.named import family_scene
 from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Axis, Topology, tower
-from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.runs.deformation import (
     centres,

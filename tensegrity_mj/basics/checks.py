@@ -182,7 +182,7 @@ def check_nodes(what: str, value: Any, nodes: int, most: int = MOST_NODES) -> No
 
     Args:
         what: the argument, for the message.
-        value: of it.
+        value: the argument's value.
         nodes: how many nodes it makes, or sets of one node's numbers.
         most: how many there may be.
 

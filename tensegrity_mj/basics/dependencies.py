@@ -1,9 +1,9 @@
-"""Additional requirements of parts of the package, and those that are not installed.
+"""Additional requirements of parts of the package, those that are not installed, and entry points of what is.
 
-Most of it is of `tensegrity_mj.learning.dm_control`. Below Python 3.13 pip installs dm-control with this package. From
-3.13 on it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but `dm_control.locomotion`
-imports. There dm-control is installed without its dependencies, and all of these but labmaze, the extra
-`dm-control-needs` of pyproject.toml, in addition.
+Most of the former is of `tensegrity_mj.learning.dm_control`. Below Python 3.13 pip installs dm-control with this
+package. From 3.13 on it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but
+`dm_control.locomotion` imports. There dm-control is installed without its dependencies, and all of these but labmaze,
+the extra `dm-control-needs` of pyproject.toml, in addition.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import csv
 import sys
 from importlib import import_module, metadata
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.errors import MissingPackageError
+from tensegrity_mj.errors import MissingPackageError, OptionError
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -138,3 +139,30 @@ def require_dm_control() -> None:
 
 def _quoted(names: list[str]) -> str:
     return " ".join(f'"{name}"' for name in names)
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """The entry points of installed packages by their names, in the group `tensegrity_mj.` + elements, laws, ...
+
+    Nothing is imported. Files name these by their names alone, so that a file runs no code that its reader has not
+    installed.
+    """
+    from importlib.metadata import entry_points
+
+    return {point.name: point for point in entry_points(group=f"tensegrity_mj.{group}")}
+
+
+def load(point: EntryPoint) -> Any:
+    """Import the object that an entry point names.
+
+    Raises:
+        OptionError: if its package cannot be imported, or has no such name.
+    """
+    try:
+        return point.load()
+    except Exception as error:
+        owner = f" of package '{point.dist.name}'" if point.dist is not None else ""
+        raise OptionError(
+            f"entry point '{point.name}' of '{point.group}'{owner}: {point.value} cannot be loaded "
+            f"({type(error).__name__}: {error}); repair the package that has it, or remove it"
+        ) from error

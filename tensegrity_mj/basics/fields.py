@@ -23,8 +23,8 @@ from typing import Any, ClassVar, NamedTuple, ParamSpec, TypeVar, dataclass_tran
 import attrs
 import numpy as np
 
+from tensegrity_mj.basics.dependencies import installed, load
 from tensegrity_mj.basics.hints import typed
-from tensegrity_mj.basics.installed import installed, load
 from tensegrity_mj.basics.kinds import Kind, Wrong, or_none
 from tensegrity_mj.errors import SceneError, TensegrityError
 
@@ -69,7 +69,7 @@ def field(
     """A field of a value class.
 
     Args:
-        kind: of its value; None for a value that is not checked, and stands in no file.
+        kind: kind of its value; None for a value that is not checked, and stands in no file.
         default: its value where none is given.
         factory: makes the default, where each value needs its own.
         none: meaning of None, for a field that may be None, for messages ("None for deep water").

@@ -183,7 +183,7 @@ MISSING = "comes with tensegrity-mj-evidence: in a checkout, install it with pyt
 @functools.cache
 def commands_of_others() -> dict[str, dict[str, ModuleType]]:
     """Return commands by the names of their distributions; warn of those that cannot be imported."""
-    from tensegrity_mj.basics.installed import installed, load
+    from tensegrity_mj.basics.dependencies import installed, load
 
     found: dict[str, dict[str, ModuleType]] = {}
     for name, point in sorted(installed("commands").items()):

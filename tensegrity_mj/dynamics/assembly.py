@@ -138,7 +138,7 @@ class _Parts:
     Attributes:
         size: n, the number of coordinates; those of the bodies start at `bodies`.
         ends: (R, 2, 3, n) derivatives of the rods' ends.
-        maps, bases, carried: of the nodes, as in `Assembly`.
+        maps, bases, carried: maps of the nodes, as in `Assembly`.
     """
 
     def __init__(self, structure: Structure, motions: Sequence[Motion], hung: bool) -> None:

@@ -30,12 +30,7 @@ from tensegrity_mj.dynamics.kernels import (
     stretch_term,
     write_coordinates,
 )
-from tensegrity_mj.dynamics.linked import (
-    Linked,
-    LinkedRecords,
-    normalize_linked,
-    place_linked,
-)
+from tensegrity_mj.dynamics.linked import Linked, LinkedRecords, normalize_linked, place_linked
 from tensegrity_mj.dynamics.native.elements import clear
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, add, column_of, dot, minus, plus, put, row_of, times, vector

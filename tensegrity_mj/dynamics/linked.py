@@ -75,8 +75,8 @@ class LinkedRecords(MemberRecords):
         """The records of a structure.
 
         Args:
-            structure: of any class.
-            motions: of its supports.
+            structure: a structure of any class.
+            motions: motions of its supports.
             moved: (m, 3, 3), where the motions' current values are read from; an own array by default.
 
         Raises:

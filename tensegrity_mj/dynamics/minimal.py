@@ -39,18 +39,7 @@ from tensegrity_mj.dynamics.kernels import (
 )
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.pointers import inlined
-from tensegrity_mj.dynamics.native.vectors import (
-    ZERO,
-    column_of,
-    dot,
-    minus,
-    over,
-    plus,
-    put,
-    row_of,
-    times,
-    vector,
-)
+from tensegrity_mj.dynamics.native.vectors import ZERO, column_of, dot, minus, over, plus, put, row_of, times, vector
 from tensegrity_mj.dynamics.records import Records, StructureRecords
 from tensegrity_mj.model.capabilities import require_class_1
 from tensegrity_mj.model.structure import Structure

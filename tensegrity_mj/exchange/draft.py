@@ -32,9 +32,9 @@ class ImportOptions:
 
     Attributes:
         unit: length of one unit of a file of NTRT [m]; None for a decimetre, which its own programs count in.
-        stiffness, damping: of each string without its own [N/m], [N s/m].
-        rod_mass, rod_radius: of each rod without its own [kg], [m].
-        node_mass: of each node without a rod that is not fixed [kg].
+        stiffness, damping: values for each string without its own [N/m], [N s/m].
+        rod_mass, rod_radius: values for each rod without its own [kg], [m].
+        node_mass: mass of each node without a rod that is not fixed [kg].
     """
 
     unit: float | None = field(positive("m"), default=None, none="None")
@@ -54,7 +54,7 @@ class Draft:
     """A scene in the making.
 
     Attributes:
-        name, source: of the scene.
+        name, source: name and source of the scene.
         nodes: name -> position (3,) [m].
         rods, strings: the members; rods that have a support keep it.
         held: node -> the axes in which it is held, some of "xyz".

@@ -155,7 +155,7 @@ def _add_sparse(
 
 
 STRING_RADIUS = 1e-3  # m: STEDY has strings by radius and modulus, of which only E π r² counts
-KEPT = ("gravity", "initial_nodes", "initial_velocities", "constraints")
+CARRIED_OVER = ("gravity", "initial_nodes", "initial_velocities", "constraints")
 
 
 def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
@@ -219,9 +219,9 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
     }
     if scene.loads and not callable(scene.loads) and all(load.angular_frequency == 0 for load in scene.loads):
         values["W"] = scene.nodal_forces(float(scene.start_time)).T
-        notes += left_out(scene, (*KEPT, "loads"))
+        notes += left_out(scene, (*CARRIED_OVER, "loads"))
     else:
-        notes += left_out(scene, KEPT)
+        notes += left_out(scene, CARRIED_OVER)
     if ends & masses.keys():
         notes.append("point masses where rods end are left out")
     if any(rod.section is not None for rod in structure.rods):

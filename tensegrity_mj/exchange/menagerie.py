@@ -40,10 +40,10 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
         FormatError: if a file cannot be written.
     """
     model = checked(path, (".xml",), "MJCF")
-    around = checked(
+    scenery = checked(
         model.with_name("scene.xml" if model.stem != "scene" else "scene_with_floor.xml"), (".xml",), "MJCF"
     )
-    _refuse_to_replace(around, model.name)
+    _refuse_to_replace(scenery, model.name)
     root = parsed(scene_to_mjcf(scene))
     notes = remarks(root)
     if warp:
@@ -52,11 +52,11 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
     _use_classes(root)
     _add_controls(root, scene)
     _add_home(root)
-    outer = _scene_around(root, model.name)
-    for element, place in ((root, model), (outer, around)):
+    outer = _including_scene(root, model.name)
+    for element, place in ((root, model), (outer, scenery)):
         ET.indent(element)
         write_text(place, ET.tostring(element, encoding="unicode") + "\n")
-    return [model, around], notes
+    return [model, scenery], notes
 
 
 def save_mjcf_for(
@@ -173,7 +173,7 @@ def _add_home(root: ET.Element) -> None:
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", {"name": "home", **keys})
 
 
-def _scene_around(root: ET.Element, file: str) -> ET.Element:
+def _including_scene(root: ET.Element, file: str) -> ET.Element:
     """The scene that includes the model, with what of the model is scenery moved into it."""
     world, statistic = root.find("worldbody"), root.find("statistic")
     assert world is not None

@@ -397,10 +397,10 @@ def rod_of_body(mass: float, length: float, center: float, moment: float) -> tup
     The rod is the heaviest of half, a quarter, ... of the mass with which the rest of the inertia is one of a mass.
 
     Args:
-        mass: of the body [kg].
+        mass: mass of the body [kg].
         length: [m].
-        center: of mass, from 0 at the first end to 1 at the second.
-        moment: of inertia across the rod, about the centre of mass [kg m²].
+        center: centre of mass, from 0 at the first end to 1 at the second.
+        moment: moment of inertia across the rod, about the centre of mass [kg m²].
     """
     _, thin = centers_and_moments(mass, length)
     if abs(center - 0.5) <= NEAR and abs(moment - thin) <= THIN * thin:

@@ -61,13 +61,13 @@ class _Loader(yaml.BaseLoader):  # type: ignore[misc,name-defined]
         return found
 
 
-class Words(Table):
+class TextTable(Table):
     """A table all of whose values are words: numbers are made of them where they are read."""
 
-    def _inside(self, name: str, data: Any, keys: Any) -> Words:
-        return Words(data, self.file, f"{self.path}.{name}" if self.path else name, keys)
+    def _inside(self, name: str, data: Any, keys: Any) -> TextTable:
+        return TextTable(data, self.file, f"{self.path}.{name}" if self.path else name, keys)
 
-    def child(self, key: str) -> Words:
+    def child(self, key: str) -> TextTable:
         """The table of a key, empty where it is missing."""
         return self._inside(key, self.data.get(key) or {}, None)
 
@@ -90,7 +90,7 @@ class Words(Table):
             yield row[0], row[1]
 
 
-def yaml_file(path: Path) -> Words:
+def yaml_file(path: Path) -> TextTable:
     """The table of a file.
 
     Raises:
@@ -98,7 +98,7 @@ def yaml_file(path: Path) -> Words:
     """
     content = content_of(path, MOST_BYTES)
     try:
-        return Words(yaml.load(content, _Loader), str(path), "", None)
+        return TextTable(yaml.load(content, _Loader), str(path), "", None)
     except (yaml.YAMLError, ValueError) as error:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None) or error
         raise FormatError(f"{path}: not valid YAML{f', line {mark.line + 1}' if mark else ''}: {problem}") from None
@@ -172,7 +172,7 @@ class Composer:
     """Reads the files of a structure, and remembers each, and the builders of all."""
 
     def __init__(self) -> None:
-        self.files: dict[Path, Words] = {}
+        self.files: dict[Path, TextTable] = {}
         self.builders: dict[str, Builder] = {tag: (kind, BUILDERS[kind]) for tag, kind in _DEFAULTS["tags"].items()}
         self.parts = 0
         self.unused: dict[str, None] = {}
@@ -207,14 +207,14 @@ class Composer:
         self._add_bonds(part, root.child("bond_groups"))
         return part
 
-    def _add_builder(self, tag: str, table: Words) -> None:
+    def _add_builder(self, tag: str, table: TextTable) -> None:
         table.allow(("class", "parameters"))
         kind, given = table.choice("class", BUILDERS), table.child("parameters")
         known = {name: given.number(name) for name in given.data if name in BUILDERS[kind]}
         self.unused |= dict.fromkeys(name for name in given.data if name not in known)
         self.builders[tag] = kind, {**BUILDERS[kind], **known}
 
-    def _add_children(self, part: Part, tables: Words, path: Path, above: tuple[Path, ...]) -> None:
+    def _add_children(self, part: Part, tables: TextTable, path: Path, above: tuple[Path, ...]) -> None:
         """Make all substructures, rotate all, and then scale, offset and translate each."""
         attributes = {names: tables.child(names) for names in tables.data}
         for names, one in attributes.items():
@@ -235,7 +235,7 @@ class Composer:
                 center, shift = child.centroid, number * shifts[0] + shifts[1]
                 child.move(lambda at, c=center, by=shift, f=factor: c + f * (at - c) + by)  # type: ignore[misc]
 
-    def _add_bonds(self, part: Part, tables: Words) -> None:
+    def _add_bonds(self, part: Part, tables: TextTable) -> None:
         """Bonds by tag, and by "child/child/.../kind" within it, or the other way about."""
         for first in tables.data:
             inner = tables.child(first)
@@ -288,7 +288,7 @@ class Composer:
         return (rigid or fitting)[-1] if fitting else None
 
 
-def _rotate(child: Part, table: Words) -> None:
+def _rotate(child: Part, table: TextTable) -> None:
     table.allow(("axis", "angle", "reference"))
     axis, angle = table.position("axis"), table.number("angle")
     if not axis.any():

@@ -13,7 +13,7 @@ from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.sources import find, pack_names, read
 
-KEPT = ("scene.toml", "reference.csv")
+COPIED = ("scene.toml", "reference.csv")
 
 
 def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
@@ -33,12 +33,12 @@ def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
     for name in pack_names():
         scene_text, where, source = find(name)
         scene, place = scene_from_toml(scene_text, where), made_folder(files[0].parent / source.name)
-        for kept in KEPT:
-            write_text(place / kept, read(source / kept))
+        for copied in COPIED:
+            write_text(place / copied, read(source / copied))
         save_mjcf(scene, place / "scene.xml")
         tables, notes = save_csv(scene, place / "nodes.csv")
-        files += [place / "scene.xml", *tables, *(place / kept for kept in KEPT)]
-        said = said_in_comments(read(source / KEPT[1]).splitlines())
+        files += [place / "scene.xml", *tables, *(place / copied for copied in COPIED)]
+        said = said_in_comments(read(source / COPIED[1]).splitlines())
         absent = "; ".join(note for note in notes if "gravity" not in note) or "-"
         bar, weight = quantity(said["error"], "m", 2), f"{abs(scene.gravity[2]):g} m/s²"
         text += f"| {source.name} | {said['about']} | {weight} | {absent} | {bar} |\n"

@@ -16,7 +16,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 
-AROUND, ALONG = 24, 6  # corners of a circle, and rings of half a ball
+CORNERS, RINGS = 24, 6  # corners of a circle, and rings of half a ball
 STRING_PART = 0.25  # of the thinnest rod's radius, or of a hundredth of the size
 
 
@@ -62,13 +62,13 @@ def _capsule(first: Array, second: Array, radius: float) -> Array:
     along = second - first
     length = float(np.linalg.norm(along))
     rotation = rotation_to(along / length) if length > 0 else np.eye(3)
-    half = np.linspace(0, np.pi / 2, ALONG + 1)
+    half = np.linspace(0, np.pi / 2, RINGS + 1)
     angles = np.concatenate([-half[::-1], half])  # from pole to pole
-    around = 2 * np.pi * np.arange(AROUND) / AROUND
+    turns = 2 * np.pi * np.arange(CORNERS) / CORNERS
     heights = radius * np.sin(angles) + np.repeat([0.0, length], len(half))
     across = radius * np.cos(angles)[:, None]
     rings = np.stack(
-        [across * np.cos(around), across * np.sin(around), np.repeat(heights[:, None], AROUND, axis=1)], axis=2
+        [across * np.cos(turns), across * np.sin(turns), np.repeat(heights[:, None], CORNERS, axis=1)], axis=2
     )
     after = np.roll(rings, -1, axis=1)
     sides = [

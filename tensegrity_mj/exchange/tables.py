@@ -31,8 +31,8 @@ from tensegrity_mj.model.text.codec import Table
 OF_ALL = {"name": "", "source": "", "structure": "", "duration": ""}
 
 
-def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
-    """A sentence for each field of a scene that is not at its default, and not among those kept."""
+def left_out(scene: Scene, carried: Sequence[str]) -> list[str]:
+    """A sentence for each field of a scene that is not at its default, and not among those carried over."""
     notes = []
     if scene.structure.string_law is not StringLaw.CLIPPED:
         notes.append(f"the string law '{scene.structure.string_law.value}' is left out")
@@ -49,11 +49,11 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
         notes.append("the damping of point masses is left out")
     if any(rod.masses for rod in structure.rods):
         notes.append("the masses that rods carry are left out")
-    if structure.constraints and "constraints" not in kept:
+    if structure.constraints and "constraints" not in carried:
         notes.append("the linear constraints are left out")
     for key, one in item_of(Scene).keys.items():
         value = getattr(scene, one.name)
-        if key in OF_ALL or key in kept or value is None or value is one.default or value == one.default:
+        if key in OF_ALL or key in carried or value is None or value is one.default or value == one.default:
             continue
         notes.append(f"the scene's {key.replace('_', ' ')} is left out")
     return notes

@@ -75,7 +75,7 @@ class Elements:
 
     Attributes:
         elements: K.
-        length: of one of them [m].
+        length: length of one element [m].
         frequency: at which one of them swings by itself [Hz], (3.28).
     """
 
@@ -98,8 +98,8 @@ def suggest_elements(frequency: float, length: float, ratio: float = 2.0, gravit
     """The fewest equal elements of a cable that swing by themselves well above an excitation: the procedure of §3.6.
 
     Args:
-        frequency: of the excitation [Hz].
-        length: of the cable [m].
+        frequency: frequency of the excitation [Hz].
+        length: length of the cable [m].
         ratio: how many times above the excitation an element's own frequency is to be, at least; the thesis recommends
             slightly more than two.
         gravity: [m/s²].
@@ -156,9 +156,9 @@ class Cable:
         elements: K, 3 or more: those of the fastening and the rope, and the load. 13 is that of §3.3.3, and
             `refined(2)` ... `refined(10)` are those of §3.5.1.
         rope_mass: 0.1419 kg as printed by elements, or the 0.165 kg of Table 3.1.
-        excitation: of the top, unless a motion is given.
-        amplitude: of the excitation [m]: half its peak-to-peak, or the circle's radius.
-        frequency: of the excitation [Hz].
+        excitation: motion of the top, unless a motion is given.
+        amplitude: amplitude of the excitation [m]: half its peak-to-peak, or the circle's radius.
+        frequency: frequency of the excitation [Hz].
         motion: any motion of the top instead, `Motion...("rod1", ...)`.
         start: the frame in which the cable is at rest at t = 0.
         seed: [rad] by which the straight cable leans out of the plane of the excitation at the start, towards x.
@@ -169,7 +169,7 @@ class Cable:
         drag: coefficient of the quadratic drag of still air, on the elements' diameters.
         gravity: [m/s²].
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

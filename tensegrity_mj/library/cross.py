@@ -49,9 +49,9 @@ def cross(
     Args:
         start, end: q [m, rad, rad].
         rod_length, rod_mass: ℓ [m] and m [kg] of both.
-        stiffness: of each string [N/m].
+        stiffness: stiffness of each string [N/m].
         minimum_sum: u_sum [N/m] of all strings, (4.13).
-        duration: of the motion and of the scene [s].
+        duration: duration of the motion and of the scene [s].
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

@@ -28,11 +28,12 @@ class MooredChain:
 
     Attributes:
         elements: n of the chain, 1 or more; the float is one rod more.
-        length, line_mass, diameter: of the chain [m], [kg/m], [m].
-        float_length, float_mass, float_diameter: of the float [m], [kg], [m], whose lower end is the chain's upper one.
+        length, line_mass, diameter: length [m], mass [kg/m] and thickness [m] of the chain.
+        float_length, float_mass, float_diameter: size [m], mass [kg] and thickness [m] of the float, whose lower end
+            is the chain's upper one.
         pull: H [N] along x, constant, where the chain meets the float.
-        depth: of the anchor, which is at the bottom [m].
-        wave_height, wavelength: of a wave along x [m]; a height of 0 for none.
+        depth: depth of the anchor, which is at the bottom [m].
+        wave_height, wavelength: size of a wave along x [m]; a height of 0 for none.
         current: [m/s].
 
     Raises:
@@ -95,11 +96,11 @@ class FishNet:
         rows, columns: meshes downwards and across, 1 and 2 or more.
         mesh: width and height of one [m].
         solidity: what twines shade of the panel, both ways together; each string is ½ of it times `mesh` thick.
-        stiffness: of each string [N/m].
+        stiffness: stiffness of each string [N/m].
         spread: tension of the strings across at the start [N].
-        knot_mass, sinker: of each knot, and what the lowest carry in addition [kg], less the water that they displace.
-        top: of the collar below the still surface [m].
-        wave_height, wavelength: of a wave along x [m]; a height of 0 for none.
+        knot_mass, sinker: mass of each knot, and of what the lowest carry in addition [kg], less the water displaced.
+        top: depth of the collar below the still surface [m].
+        wave_height, wavelength: size of a wave along x [m]; a height of 0 for none.
         current: [m/s].
 
     Raises:

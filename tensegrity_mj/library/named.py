@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from tensegrity_mj.basics.dependencies import installed, load
 from tensegrity_mj.basics.hints import fitted
-from tensegrity_mj.basics.installed import installed, load
 from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
@@ -26,23 +26,23 @@ from tensegrity_mj.model.text.sources import find
 
 _HOME = {
     "appendix_beam": "thesis_towers",
-    "beam_in_waves": "beam_in_waves",
+    "beam_in_waves": "in_waves",
     "cable": "cable",
     "chapter7_tower": "thesis_towers",
     "cross": "cross",
     "fish_net": "fish_farm",
     "moored_chain": "fish_farm",
     "icosahedron": "six_bar",
-    "net": "net",
+    "net": "hanging",
     "planar_beam": "planar_beam",
     "prism": "prism",
     "six_bar_roll": "rolling",
     "superball": "six_bar",
     "spine": "spine",
-    "suspended_cable": "suspended_cable",
+    "suspended_cable": "hanging",
     "three_bar_robot": "prism",
     "tower": "tower",
-    "tower_in_waves": "tower_in_waves",
+    "tower_in_waves": "in_waves",
     "truss_arm": "truss_arm",
 }
 MOST_LETTERS = 10_000  # of a call

@@ -77,10 +77,10 @@ class PlanarBeam:
         angle: φ of a pair of rods at the start and at the end [rad]; not zero, where the radius is infinite. None at
             the end closes the beam to a full circle, its last line on its first: 6π / (cells + 2), 26.34° for 39 cells.
         rod_mass: [kg].
-        stiffness: of each string [N/m].
+        stiffness: stiffness of each string [N/m].
         minimum_sum: u_sum [N/m] over all strings (strategy 1), or None.
         minimum_cell_sum: u_sum [N/m] of each cell (strategy 2), or None.
-        duration: of the motion and of the scene [s].
+        duration: duration of the motion and of the scene [s].
         shapes: how many of them the target's curve is made of.
 
     Raises:

@@ -34,19 +34,19 @@ class Prism:
 
     Attributes:
         n: rods, 3 or more.
-        rod_length, height: of a rod, and from polygon to polygon [m]; the polygons' radius follows.
-        rod_mass, radius: of a rod [kg], [m].
-        stiffness, damping: of every string [N/m], [N s/m].
-        side_stiffness: of the side strings [N/m], where it is another.
+        rod_length, height: length of a rod, and distance of the polygons [m]; the polygons' radius follows.
+        rod_mass, radius: mass and radius of a rod [kg], [m].
+        stiffness, damping: stiffness and damping of every string [N/m], [N s/m].
+        side_stiffness: stiffness of the side strings [N/m], where it is another.
         prestress: force density of bottom and top over `stiffness`, (L - L0)/L; 0.1 where there is no `tension` either.
-        tension: of bottom and top [N] instead.
+        tension: tension of bottom and top [N] instead.
         base: three nodes on which it stands; of the bottom by default.
         tilt: by which it is then turned [rad], along the axis.
         drop: height of its lowest surface above the floor [m].
-        friction: of the floor.
+        friction: coefficient of friction of the floor.
         gravity: [m/s²] downwards.
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
@@ -133,7 +133,7 @@ def three_bar_robot(
     Args:
         prestress: force density of the side strings over their stiffness, (L - L0)/L.
         base: three nodes on which it stands.
-        friction: of the floor.
+        friction: coefficient of friction of the floor.
     """
     softness = 0.1  # of the sides, against the triangles' strings
     robot = Prism(

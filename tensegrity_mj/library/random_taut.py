@@ -42,7 +42,7 @@ class RandomTautStructure:
         pinned: the part of the rods that turn about one of their ends, which is fixed.
         stiffness: [N/m] the median of the strings'.
         prestrain: range of u/k, the elongation over the length, within (0, 1).
-        mass_ratio: of the heaviest to the lightest rod, about 1 kg; log-uniform.
+        mass_ratio: ratio of the heaviest to the lightest rod, about 1 kg; log-uniform.
         damping_ratio: range of ζ; a string's c is 2 ζ √(k m) with the mean mass of its ends, m/4 of their rods.
         size: [m] mean length of the rods.
 

@@ -30,7 +30,7 @@ class Roll:
 
     Attributes:
         base: that it begins on.
-        string: of the base, which is shortened.
+        string: a string of the base, which is shortened.
         through: the open triangle, over whose edge with the base it tips.
         lands: the triangle that it ends on.
         travel: (2,) [m] from the centre of one to that of the other, where a rigid body rolls.
@@ -96,11 +96,11 @@ class SixBarRoll:
         steps: from closed triangle to closed triangle.
         heading: direction of the way [rad], from x to y. Where it is 1.15, or a sixth of a turn more, it goes straight
             on, and six steps are one turn.
-        fraction: of the rest length, to which a string is shortened.
+        fraction: fraction of the rest length, to which a string is shortened.
         move, pause: how long a string takes to be shortened, and to be let out, and how long it stands after each [s].
         prestress: force density over stiffness of the strings.
-        friction: of the floor.
-        name: of scene and structure.
+        friction: coefficient of friction of the floor.
+        name: name of scene and structure.
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

@@ -37,9 +37,9 @@ class Icosahedron:
 
     Attributes:
         rod_length, rod_mass, radius: [m], [kg], [m].
-        stiffness, damping: of every string [N/m], [N s/m].
+        stiffness, damping: stiffness and damping of every string [N/m], [N s/m].
         prestress: force density over stiffness, (L - L0)/L; 0.1 where there is no `tension` either.
-        tension: of every string [N] instead.
+        tension: tension of every string [N] instead.
         base: three nodes on which it stands; a closed triangle by default.
         tilt, drop, friction, gravity, duration, name: as of `Prism` [rad], [m], [1], [m/s²], [s].
 
@@ -106,7 +106,7 @@ def superball(tension: float = 83.0, drop: float = 0.0, duration: float = 3.0) -
     Damping is 50 N s/m, the floor's friction 0.99.
 
     Args:
-        tension: of every string [N].
+        tension: tension of every string [N].
         drop: height of the lowest surface above the floor [m].
         duration: [s].
     """

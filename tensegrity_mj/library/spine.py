@@ -34,15 +34,15 @@ class Spine:
 
     Attributes:
         vertebrae: 2 or more, with the one that is held.
-        height, width: of a vertebra, and from its centre to a corner's side [m].
-        spacing: of the vertebrae [m], less than their height: the saddles pull down.
-        mass: of a vertebra [kg].
-        stiffness, damping: of strings [N/m], [N s/m].
-        tension: of the upright strings at least [N].
+        height, width: height of a vertebra, and distance from its centre to a corner's side [m].
+        spacing: distance of the vertebrae [m], less than their height: the saddles pull down.
+        mass: mass of a vertebra [kg].
+        stiffness, damping: stiffness and damping of strings [N/m], [N s/m].
+        tension: tension of the upright strings at least [N].
         push: with which the highest vertebra starts aside [m/s].
         gravity: [m/s²].
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

@@ -25,8 +25,8 @@ class Beam:
     """A row of Table C.2.
 
     Attributes:
-        tension: of strings before form-finding [N].
-        stiffness: of strings [N/m].
+        tension: tension of strings before form-finding [N].
+        stiffness: stiffness of strings [N/m].
         stress: median of the rods after form-finding [Pa].
         length_ratio: length after form-finding, of the length before.
     """
@@ -61,17 +61,17 @@ class Chapter7Tower:
     The thesis leaves open which strings there are (it counts 180; the full topology has 219) and how wide a stage is.
 
     Attributes:
-        stiffness: of every string [N/m]; 10, 20 and 30 kN/m in the study.
+        stiffness: stiffness of every string [N/m]; 10, 20 and 30 kN/m in the study.
         prestress_measure: L - L0 of every string before form-finding [m]; 0.10, 0.15 and 0.20 m in the study.
         topology: which diagonals.
         radius: R of a stage before form-finding [m]; ℓ/√6 = 0.498 m by default.
-        damping: of every string [N s/m].
+        damping: damping of every string [N s/m].
         pluck: [N] the start is bent, held by this force upwards on the six nodes in the middle and half of it
             downwards on the three nodes of each end, and let go at t = 0; 0 for a start in equilibrium.
         origin: centre of the base triangle [m].
         form_found: whether the strings have found their equilibrium; a pluck needs it.
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
@@ -109,15 +109,15 @@ class AppendixBeam:
     Attributes:
         which: "TB1" to "TB7", a row of Table C.2.
         corrected: about 1600 and 2000 kN/m for TB6 and TB7, whose printed 1200 kN/m contradict the rest of the table.
-        stiffness: of every string [N/m] instead of the table's.
-        damping: of every string [N s/m]; the appendix is static.
+        stiffness: stiffness of every string [N/m] instead of the table's.
+        damping: damping of every string [N s/m]; the appendix is static.
         mirrored: whether the first stage is left-handed.
         pinned_base: whether the nodes of the base are fixed once the form is found, as one end is in the appendix.
         pluck: [N] the start is bent by this force downwards on the three nodes of the top, which lets go at t = 0; it
             needs the pinned base. 0 for a start in equilibrium.
         form_found: whether the strings have found their equilibrium; a pluck needs it.
         duration: [s].
-        name: of scene and structure; by default that of the row.
+        name: name of scene and structure; by default that of the row.
 
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such beam.

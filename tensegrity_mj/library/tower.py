@@ -71,18 +71,19 @@ class Tower:
         topology: which diagonals.
         alternating: whether every second stage leans the other way (appendix C), or none does (chapter 7).
         mirrored: whether the first stage is left-handed; the mirror image of the other tower.
-        stiffness, damping: of every string [N/m], [N s/m].
+        stiffness, damping: stiffness and damping of every string [N/m], [N s/m].
         prestress_measure: L - L0 of every string before form-finding [m]; 0.10 m where `tension` is not given either.
-        tension: of every string before form-finding [N] instead: L0 = L - tension / stiffness.
-        outer_diameter, inner_diameter: of the rods [m]; an inner one of 0 makes them solid.
-        density, elasticity_modulus, yield_stress: of the rods [kg/m³], [Pa], [Pa]; the yield stress may be unknown.
+        tension: tension of every string before form-finding [N] instead: L0 = L - tension / stiffness.
+        outer_diameter, inner_diameter: diameters of the rods [m]; an inner one of 0 makes them solid.
+        density, elasticity_modulus, yield_stress: material of the rods [kg/m³], [Pa], [Pa]; the yield stress may be
+            unknown.
         axis: lying or standing.
         origin: centre of the base triangle [m].
         pinned_base: whether the three nodes of the base are fixed in space; where form-finding leaves them.
         form_found: whether the strings have found their equilibrium, see `form_find`; else nodes are as laid out.
         gravity: [m/s²] downwards; form-finding does not account for it.
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.

@@ -28,13 +28,13 @@ class TrussArm:
     Attributes:
         cells: 1 or more.
         braced: how many of them, from the wall on, have rods for diagonals.
-        cell_length, height: of a cell [m].
-        line_mass: of rods [kg/m].
-        stiffness, damping: of strings [N/m], [N s/m].
-        tension: of all strings while the arm is straight [N].
+        cell_length, height: size of a cell [m].
+        line_mass: mass of rods per length [kg/m].
+        stiffness, damping: stiffness and damping of strings [N/m], [N s/m].
+        tension: tension of all strings while the arm is straight [N].
         gravity: [m/s²].
         duration: [s].
-        name: of scene and structure.
+        name: name of scene and structure.
 
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.

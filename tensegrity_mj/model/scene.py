@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tensegrity_mj.basics import pictured
+from tensegrity_mj.basics import notebook_pictures
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, refused, value
 from tensegrity_mj.basics.kinds import array, choice, not_negative, part, parts, positive, text, vector
@@ -167,7 +167,7 @@ class Scene:
 
     def _repr_png_(self) -> bytes | None:
         """Draw the scene at the start, for notebooks; None where that fails: they show the text then."""
-        return pictured.draw(self)
+        return notebook_pictures.draw(self)
 
     @cached_property
     def nodes0(self) -> Array:

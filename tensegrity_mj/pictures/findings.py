@@ -28,7 +28,7 @@ class Finding:
 
     Attributes:
         mark: None of a fact that is not judged; the opening of a page leaves it out.
-        name: of what the text is about; one without goes on with the finding before.
+        name: subject of the text; one without goes on with the finding before.
     """
 
     mark: Mark | None

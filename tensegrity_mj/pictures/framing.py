@@ -27,19 +27,19 @@ class Framing:
     Attributes:
         camera: where it stands, or where it stands relative to what it follows.
         follow: whether it follows a structure that travels far.
-        path: of a camera that moves and zooms with a structure that travels less far, or None.
+        path: way of a camera that moves and zooms with a structure that travels less far, or None.
         points: (P, 3) [m] what it is to see.
         reach: [m] how far from its look-at point anything is.
-        sizes: of the members in the picture, one for each motion.
+        sizes: sizes of the members in the picture, one for each motion.
         cell: [m] of the grid.
-        surface: of the water, or None.
+        surface: the surface of the water, or None.
         has_grid: whether there is a horizontal grid, from `grid_low` to `grid_high`.
         plate: two corners and the axes of the floor's plate, or None.
         terrain: what is drawn in place of a plate and a grid, or None.
 
     Args:
         motions: one or two.
-        seas: of each picture, or None.
+        seas: waves in each picture, or None.
         view: what the caller chose.
         aspect: width over height.
     """
@@ -121,7 +121,7 @@ class Framing:
         if self.follow:
             every = np.concatenate([paths[..., 2].ravel() for paths, _ in clouds])
             world = float(every.min()), float(every.max())
-        self.surface = surface.Surface.around(nodes, world, self.cell, seas)
+        self.surface = surface.Surface.enclosing(nodes, world, self.cell, seas)
         lowest = self.surface.bottom - float(middles.max())
         highest = self.surface.crest - float(middles.min())
         framed, drawn = (

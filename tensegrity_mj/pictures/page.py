@@ -94,7 +94,7 @@ def write_report(
         runs: what was simulated, at least one.
         title: by default the scene's name.
         introduction: one paragraph of plain text.
-        comparison: of the first two runs.
+        comparison: the comparison of the first two runs.
         pictures: plots and pictures, in order.
         video: an mp4 file to embed, or None.
         video_note: what to say about the video, or in its place (why there is none).
@@ -136,10 +136,10 @@ def within(comparison: Comparison) -> list[Finding]:
     """The differences that have a tolerance: a verdict states that of the node error by the structure's size else."""
     found = []
     for name, when in comparison.first_exceeded.items():
-        words, _, unit = DIFFERENCES[name]
+        label, _, unit = DIFFERENCES[name]
         largest, most = (quantity(x, unit) for x in (getattr(comparison, f"max_{name}"), comparison.tolerance_of(name)))
         beyond = "" if when is None else f", exceeded from {quantity(when, 's')} on"
-        text = f"the largest {words} is {largest} (allowed {most}{beyond})"
+        text = f"the largest {label} is {largest} (allowed {most}{beyond})"
         found.append(Finding(Mark.GOOD if when is None else Mark.BAD, text))
     return found
 
@@ -217,7 +217,7 @@ def _requested(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -
         ("from", scene.source),
         ("structure", f"{len(structure.rods)} rods, {len(structure.strings)} strings"),
         ("engines" if len(runs) > 1 else "engine", "; ".join(run.engine for run in runs)),
-        ("law", _law_words(law) if isinstance(law, Mapping) else "none"),
+        ("law", _law_text(law) if isinstance(law, Mapping) else "none"),
         ("actuation", f"{how}{period}" if law else ""),
         ("duration", quantity(first["duration"], "s") if "duration" in first else ""),
     ]
@@ -225,7 +225,7 @@ def _requested(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -
     return text + table_of(("", ""), [row for row in rows if row[1]])
 
 
-def _law_words(law: Mapping[str, Any]) -> str:
+def _law_text(law: Mapping[str, Any]) -> str:
     """The law with those of its options that are single numbers or words."""
     options = [
         f"{name.replace('_', ' ')} {_plain(value)}"

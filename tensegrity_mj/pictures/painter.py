@@ -23,10 +23,9 @@ from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
-from tensegrity_mj.pictures.motion import Motion, Pose, supported_points
+from tensegrity_mj.pictures.motion import MAX_PIECES, Motion, Pose, Traces, supported_points
 from tensegrity_mj.pictures.shade import MOST_STRINGS, PIECES, Patch
 from tensegrity_mj.pictures.surface import Surface
-from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
 SLACK_SEGMENTS = 12
 FIELD_BEYOND = 20.0  # times the reach of a picture: how far uneven ground is drawn

@@ -29,7 +29,7 @@ def behind(color: tuple[int, int, int], alpha: float) -> Image:
     background that comes through all layers is 1 - A / alpha; over an opaque thing, A = 1, A stays above alpha.
 
     Args:
-        color: of the background.
+        color: colour of the background.
         alpha: opacity of all that is translucent; 0 where that has something opaque behind it.
     """
     share = np.maximum(0.0, 1.0 - np.arange(256) / (255.0 * max(alpha, 1e-9)))

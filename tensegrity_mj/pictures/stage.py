@@ -14,10 +14,9 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import framing, labels, opengl, palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
-from tensegrity_mj.pictures.motion import Motion, Pose, supported_points
+from tensegrity_mj.pictures.motion import MAX_PIECES, Motion, Pose, Traces, moving_rows, supported_points
 from tensegrity_mj.pictures.painter import TRANSLUCENT, Look, Painter, geoms_needed, make_model, plate_thickness
 from tensegrity_mj.pictures.shade import patches
-from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
 from tensegrity_mj.pictures.view import Layout, Quality, View
 
 Image = NDArray[np.uint8]

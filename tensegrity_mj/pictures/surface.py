@@ -52,7 +52,7 @@ class Surface:
     crest: float
 
     @classmethod
-    def around(cls, nodes: Array, heights: tuple[float, float], cell: float, seas: Sequence[Sea]) -> Surface:
+    def enclosing(cls, nodes: Array, heights: tuple[float, float], cell: float, seas: Sequence[Sea]) -> Surface:
         """The block around a structure.
 
         Args:

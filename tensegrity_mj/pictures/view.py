@@ -49,9 +49,9 @@ class View:
     Attributes:
         size: width and height [px].
         traces, target: whether these are drawn.
-        azimuth, elevation: of the camera, in MuJoCo's sense (azimuth 90 looks along +y, elevation -90 down).
-        distance: of the camera from the middle of what it sees [m].
-        quality: of edges.
+        azimuth, elevation: angles of the camera, in MuJoCo's sense (azimuth 90 looks along +y, elevation -90 down).
+        distance: distance of the camera from the middle of what it sees [m].
+        quality: smoothness of edges.
         text: whether title, time and legend are drawn.
         thickness: whether strings are as thick as they pull.
     """

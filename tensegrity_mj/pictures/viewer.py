@@ -70,7 +70,7 @@ def play(run: Trajectory, speed: float = 1.0, *, thickness: bool = False) -> Non
     """Play the run, over and over, until the window is closed; `KEYS` pause it and change its speed.
 
     Args:
-        run: of any engine.
+        run: a run of any engine.
         speed: simulated seconds a second at the beginning.
         thickness: whether strings are as thick as they pull.
 
@@ -131,7 +131,7 @@ class Player:
     """Clock of the viewer: the time that is shown goes on by itself, and keys change it (`KEYS`).
 
     Args:
-        start, end: of the run [s].
+        start, end: times at which the run starts and ends [s].
         speed: simulated seconds a second.
     """
 

@@ -205,7 +205,7 @@ class _Box:
     Attributes:
         center, half: its middle, and half its size along the axes, (3,) [m].
         follow: whether it goes with a structure that travels far.
-        extent: of the structure [m].
+        extent: extent of the structure [m].
         wet: whether the water's surface is near.
     """
 

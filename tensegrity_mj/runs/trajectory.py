@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tensegrity_mj.basics import files, pictured, texts
+from tensegrity_mj.basics import files, notebook_pictures, texts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import printable
 from tensegrity_mj.runs.recorded import RecordedRun
@@ -48,7 +48,7 @@ class Trajectory(RecordedRun):
     def _repr_html_(self) -> str:
         """Summary as a table, and below it a plot of the tensions, or of heights where nothing pulls."""
         cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _rows_of(self))
-        plot = pictured.draw(self)
+        plot = notebook_pictures.draw(self)
         shown = "" if plot is None else f'<img src="data:image/png;base64,{base64.b64encode(plot).decode()}">'
         return f"<table>{cells}</table>{shown}"
 

@@ -12,9 +12,9 @@ from engine_accelerations import mujoco_accelerations_at
 from ground_spring import GroundSpring
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.controllers import FeedbackLinearization, Lyapunov, Projection
 from tensegrity_mj.errors import ControllerError, OptionError
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import Element
 
 GRAVITY = (0.0, 0.0, -9.81)

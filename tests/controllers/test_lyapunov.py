@@ -11,11 +11,11 @@ from members import Members
 from random_laws import random_law
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.controllers import Gains, Lyapunov, from_scene
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.model import rods
 
 

@@ -12,6 +12,7 @@ from members import Members
 from random_laws import random_law as random_lyapunov
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import LAWS, Gains, Onto, Projection, from_scene
 from tensegrity_mj.controllers.allocation import StringLimits, least_norm
@@ -20,7 +21,6 @@ from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.model import rods
 
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)

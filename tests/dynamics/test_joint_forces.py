@@ -11,10 +11,10 @@ from hanging_chain import HangingChain
 from natural_coordinates import chain, random_class_k, request
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_structure
 from tensegrity_mj.dynamics.joint_forces import plan_joints, project_linked
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver
-from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.motion import Motion

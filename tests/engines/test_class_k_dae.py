@@ -207,7 +207,7 @@ def test_random_structures_run_with_loops_that_are_redundant_or_rigid():
 
 
 def test_the_solver_leaves_class_1_alone_and_may_be_chosen_there():
-    from tensegrity_mj.library.random_structures import random_scene, random_structure
+    from evidence.random_structures import random_scene, random_structure
 
     rng = np.random.default_rng(2)
     structure = random_structure(rng, rods=3)

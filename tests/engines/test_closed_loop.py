@@ -178,7 +178,7 @@ def test_discontinuous_laws_agree_in_what_is_meaningful(prism, norm):
 
 def test_every_random_structure_closes_its_loop_alike():
     """Structures, targets and gains other than those shipped: wherever the law has a solution, the engines agree."""
-    from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
+    from evidence.random_structures import random_configuration, random_scene, random_structure
 
     agreed = 0
     for seed in range(12):

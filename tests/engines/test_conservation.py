@@ -13,7 +13,7 @@ from momenta import angular_momentum, linear_momentum
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import Support, null_space_basis
 from tensegrity_mj.model.scene import Scene

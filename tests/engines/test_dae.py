@@ -12,10 +12,10 @@ import pytest
 from members import Members
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference.engine import integrate
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from random_states import SUPPORTS, random_state
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw

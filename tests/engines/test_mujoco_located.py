@@ -12,12 +12,12 @@ from caught_mass import GRAVITY, REST, STIFFNESS, bob, bob_at
 from linked_scenes import everything_moves
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.run_view import STAGE, STEP
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.runs.convergence import has_kinks, node_difference
 

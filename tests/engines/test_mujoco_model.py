@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import FormatError, OptionError, StructureError
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support

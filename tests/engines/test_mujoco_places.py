@@ -15,12 +15,12 @@ from linked_scenes import four_bar, random_tree
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.engines.mujoco import prepared
 from tensegrity_mj.engines.mujoco import prepared as mujoco_prepared
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import Names, body_tree
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 
 Array = NDArray[np.float64]
 SCALES = [1e-6, 3e-5, 1e-3, 1.0, 1e4]

@@ -16,6 +16,7 @@ from random_states import random_state
 from stedy import largest_frequency, scene_of
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.controllers import from_scene
 from tensegrity_mj.dynamics.minimal import (
     MinimalRecords,
@@ -23,7 +24,6 @@ from tensegrity_mj.dynamics.minimal import (
     node_accelerations,
     place_minimal,
 )
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene

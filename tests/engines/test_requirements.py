@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.mujoco import step_timing
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
@@ -25,7 +26,6 @@ from tensegrity_mj.engines.mujoco.needs import (
 )
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.mujoco.step_timing import CONTACT, PARTS, REST, measure, variants
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.text.sources import scene_names
 

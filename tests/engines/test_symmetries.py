@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_rotation, random_scene, random_structure
+from evidence.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene

@@ -17,7 +17,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.exchange import import_scene, save_mat, save_menagerie, save_stl
-from tensegrity_mj.exchange.solids import AROUND, shape
+from tensegrity_mj.exchange.solids import CORNERS, shape
 from tensegrity_mj.model.text.sources import scene_names
 
 EPS = np.finfo(float).eps
@@ -161,7 +161,7 @@ def test_a_printed_shape_is_closed_and_as_large_as_its_members(tmp_path: Path) -
     lengths = structure.string_lengths(scene.nodes0).sum()
     whole = 3 * (np.pi * 0.02**2 + 4 / 3 * np.pi * 0.02**3)
     whole += np.pi * thin**2 * lengths + 12 * 4 / 3 * np.pi * thin**3
-    part = np.sin(2 * np.pi / AROUND) / (2 * np.pi / AROUND)
+    part = np.sin(2 * np.pi / CORNERS) / (2 * np.pi / CORNERS)
     assert part**3 * whole < volume < part * whole
     # Every edge is run through once in each direction: closed, and turned outwards.
     corners = np.round(triangles, 12)

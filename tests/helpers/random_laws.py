@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_configuration
 from tensegrity_mj.controllers import Gains, Lyapunov
-from tensegrity_mj.library.random_structures import random_configuration
 
 
 def random_gains(rng, n):

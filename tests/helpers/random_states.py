@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 

@@ -11,8 +11,8 @@ from linked_scenes import random_tree
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.errors import StabilityWarning
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 
 Array = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from random_laws import random_law  # noqa: E402
 from rope_scenes import mast  # noqa: E402
 
 import tensegrity_mj as tmj  # noqa: E402
+from evidence.random_structures import random_configuration, random_scene, random_structure  # noqa: E402
 from tensegrity_mj.controllers import Lyapunov, Onto, Program, Projection, Replay, from_scene  # noqa: E402
 from tensegrity_mj.controllers.allocation import least_norm as compiled_least_norm  # noqa: E402
 from tensegrity_mj.dynamics.native.law import Command, Report  # noqa: E402
@@ -25,7 +26,6 @@ from tensegrity_mj.dynamics.target import target_nodes  # noqa: E402
 from tensegrity_mj.engines.jax.laws import ArrayPolicy, array_law  # noqa: E402
 from tensegrity_mj.engines.jax.quadratic_law import least_norm, least_squares  # noqa: E402
 from tensegrity_mj.errors import OptionError  # noqa: E402
-from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure  # noqa: E402
 from tensegrity_mj.model.target import chebyshev_points  # noqa: E402
 
 EPS = np.finfo(float).eps

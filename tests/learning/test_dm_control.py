@@ -13,11 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj import Actuation, Integrator
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import OptionError, SceneError, StructureError
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import strings
 from tensegrity_mj.model.scene import Scene
 

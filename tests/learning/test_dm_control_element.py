@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj import Command, Integrator
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities, quaternion
 from tensegrity_mj.errors import ControllerError, OptionError, StructureError
-from tensegrity_mj.library.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 

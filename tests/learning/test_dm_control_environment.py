@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj import Actuation, Command, Integrator
 from tensegrity_mj.engines.mujoco.contact import spins
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import StringLaw, strings
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene

@@ -28,8 +28,7 @@ from tensegrity_mj.library.cable import (
     refined,
     suggest_elements,
 )
-from tensegrity_mj.library.net import Held, net
-from tensegrity_mj.library.suspended_cable import catenary, hung, suspended_cable
+from tensegrity_mj.library.hanging import Held, catenary, hung, net, suspended_cable
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.motion import Harmonic, Motion

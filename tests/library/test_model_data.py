@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.library.cable import cable
+from tensegrity_mj.library.hanging import net, suspended_cable
 from tensegrity_mj.library.named import load_scene
-from tensegrity_mj.library.net import net
-from tensegrity_mj.library.suspended_cable import suspended_cable
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.model.events import ControlSpec
 from tensegrity_mj.model.members import Support

@@ -23,21 +23,19 @@ from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
 from tensegrity_mj.library import load_structure
-from tensegrity_mj.library.beam_in_waves import BeamEnd, beam_in_waves
 from tensegrity_mj.library.cable import RopeMass, cable
 from tensegrity_mj.library.cross import cross
 from tensegrity_mj.library.fish_farm import fish_net, moored_chain
+from tensegrity_mj.library.hanging import Held, net, suspended_cable
+from tensegrity_mj.library.in_waves import BeamEnd, beam_in_waves, tower_in_waves
 from tensegrity_mj.library.named import _HOME, family_names, is_family_call
-from tensegrity_mj.library.net import Held, net
 from tensegrity_mj.library.planar_beam import planar_beam
 from tensegrity_mj.library.prism import prism, three_bar_robot
 from tensegrity_mj.library.rolling import six_bar_roll
 from tensegrity_mj.library.six_bar import icosahedron, superball
 from tensegrity_mj.library.spine import spine
-from tensegrity_mj.library.suspended_cable import suspended_cable
 from tensegrity_mj.library.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.library.tower import Axis, Topology, tower
-from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.model.elements.water import Weights
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.library.thesis_towers import (
     CORRECTED_STIFFNESS,
     PRESTRESS_MEASURES,
@@ -32,7 +33,6 @@ from tensegrity_mj.library.tower import (
     tower,
     tower_length,
 )
-from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.statics import find_equilibrium
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_rotation, random_structure
 from tensegrity_mj.errors import OptionError, StructureError
-from tensegrity_mj.library.random_structures import random_rotation, random_structure
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_rotation
 from tensegrity_mj.errors import SceneError
-from tensegrity_mj.library.random_structures import random_rotation
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.motion import Harmonic, Motion
 from tensegrity_mj.model.moved_supports import (

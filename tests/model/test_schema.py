@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.cli import main
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import format_schema
 from tensegrity_mj.model.text.writing import scene_to_toml
 

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evidence.random_structures import random_rotation, random_structure
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.library.random_structures import random_rotation, random_structure
 from tensegrity_mj.model.members import PointMass, Rod, RodMass, String, Support, null_space_basis
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure

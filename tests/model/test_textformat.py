@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.basics.fields import item_of, registered
 from tensegrity_mj.errors import FormatError, SceneError, StructureError, TensegrityError
 from tensegrity_mj.library.named import load_scene, load_structure
-from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.events import ControlSpec, Load

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_structure
 from tensegrity_mj.errors import FormatError, SceneError, TensegrityError
-from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene

@@ -103,7 +103,7 @@ def sea_of(water: Water) -> Sea:
 
 def block(water: Water, nodes: np.ndarray | None = None, cell: float = 0.2) -> Surface:
     nodes = wet(water).nodes0 if nodes is None else nodes
-    return Surface.around(nodes, (float(nodes[:, 2].min()), float(nodes[:, 2].max())), cell, [sea_of(water)])
+    return Surface.enclosing(nodes, (float(nodes[:, 2].min()), float(nodes[:, 2].max())), cell, [sea_of(water)])
 
 
 @pytest.mark.parametrize("water", [CROSSED, ALONG, STILL])

@@ -14,9 +14,9 @@ import pytest
 import xarray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.controllers import from_scene
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.runs.recorded import VARIABLES
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.linearization.differences import central, reach_of

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene

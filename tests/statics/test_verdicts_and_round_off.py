@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_rotation
+from evidence.random_structures import random_rotation
 from tensegrity_mj.model.redundancy import redundancy
 from tensegrity_mj.model.strings import on_taut_side
 from tensegrity_mj.statics import analyse, find_equilibrium

@@ -13,9 +13,9 @@ from hanging_chain import linear_model
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.library.cable import Excitation, cable
-from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.linearization import Linearization, linearizing
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.members import PointMass, Rod, String, Support

@@ -13,11 +13,11 @@ from equilibria import equilibrium_residual
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.names import NAMES, engine_of
 from tensegrity_mj.errors import OptionError, StabilityWarning
-from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.members import PointMass, Rod, String, Support

@@ -15,7 +15,8 @@ import numpy as np
 
 from evidence.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.beam_in_waves import GRAVITY, STEEPNESS
+from tensegrity_mj.library.cable import GRAVITY
+from tensegrity_mj.library.in_waves import STEEPNESS
 from tensegrity_mj.library.thesis_towers import appendix_beam
 from tensegrity_mj.model.structure import Structure
 

@@ -11,9 +11,9 @@ from evidence.thesis.appendix_c.beams import STUDIES, BeamRun
 from evidence.thesis.chapter7.measures7 import FIRST, FORMED, SHOWN, SOFT, STAGES, grid
 from evidence.thesis.drawing import AllRuns, Figure
 from evidence.thesis.experiments import TITLES
+from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Topology
-from tensegrity_mj.library.tower_in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import common_legend, equal_scales, new_figure

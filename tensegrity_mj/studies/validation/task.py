@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
-from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.controllers.quadratic_terms import Gains
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import DivergenceError, SceneError

@@ -1,8 +1,11 @@
-"""Beams held under waves that come from their side: the simulations of the thesis, appendix C.2, and others like them.
+"""Towers in waves: beams held under waves from their side (thesis, appendix C.2), and free towers (section 7.2.3).
 
     beam_in_waves("TB1", 2.0)                                  # a point of figure C.8
     beam_in_waves("TB4", 4.0, end=BeamEnd.CLAMPED)
     held_in_waves(tower(6, tension=2e3, stiffness=1e5), Water(waves=(Wave(0.2, 8.0, direction=1.5),)), 3.0)
+    tower_in_waves()                                           # the softest of the thesis' nine
+    tower_in_waves(3e4, 0.20)                                  # its stiffest
+    tower_in_waves(stages=8, wave_height=0.6, wavelength=9.0, direction=0.5)
 
 The beam is form-found without gravity and water and lies along x, its base at x = 0; waves travel along +y. The thesis
 does not say how it is held. Appendix C.1 holds a beam for its lateral stiffness so that it is one half of a beam that
@@ -10,6 +13,9 @@ is clamped at both ends: the base does not move, the top keeps its place along t
 default here. Neither does it give the weight: a steel tube of Table C.1 weighs three times the water that it displaces,
 and the beam is so soft that it would hang 8 m down, below the waves that it is to be tried in. So the default carries
 the weight in water by constant forces on the nodes, and the beam is straight at rest.
+
+The free tower is form-found without gravity and water, too. It lies along x, its base towards waves that travel along
++x, and starts at rest with its axis `start_depth` below the still surface, from where it rises and floats.
 """
 
 from __future__ import annotations
@@ -23,19 +29,19 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library import thesis_towers
+from tensegrity_mj.library.cable import GRAVITY
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.thesis_towers import appendix_beam
-from tensegrity_mj.library.tower import shared_fields, with_supports
-from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.library.tower import Topology, shared_fields, tower_like, with_supports
+from tensegrity_mj.model.elements.water import Water, Weights
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.events import Load
-from tensegrity_mj.model.members import Support
+from tensegrity_mj.model.members import Support, Vector
 from tensegrity_mj.model.rods import diameters
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import find_equilibrium
 
-GRAVITY = 9.81  # m/s²
 STEEPNESS = 1 / 7  # height over length
 SUBMERGENCE = 4.0  # m
 DRAG, TANGENTIAL_DRAG, ADDED_MASS, INERTIA = 1.0, 0.1, 0.5, 1.5
@@ -66,15 +72,16 @@ class BeamInWaves:
         which: "TB1" to "TB7", a row of Table C.2; figure C.8 has the first four.
         wave_height: H = 2 A [m], > 0; 1 to 4 m in the thesis.
         steepness: H over the wavelength, > 0.
-        submergence: of the beam's axis below the still surface [m], > 0.
+        submergence: depth of the beam's axis below the still surface [m], > 0.
         end, weight: see `BeamEnd` and `BeamWeight`.
-        damping: of every string [N s/m]; the thesis damps numerically, with α = -0.05 of Hilber, Hughes and Taylor.
-        drag, tangential_drag, added_mass, inertia: of the rods, see `Water`.
-        segments: of each rod; of more than three, motions in waves of 6 m differ by less than a thousandth. None for
-            as many as the waves need.
+        damping: damping of every string [N s/m]; the thesis damps numerically, with α = -0.05 of Hilber, Hughes and
+            Taylor.
+        drag, tangential_drag, added_mass, inertia: coefficients of the rods, see `Water`.
+        segments: number of segments of each rod; with more than three, motions in waves of 6 m differ by less than a
+            thousandth. None for as many as the waves need.
         phase: ε of the wave [rad]; its elevation at the beam is A sin(ω t + ε).
         duration: [s].
-        name: of scene and structure; by default that of the row.
+        name: name of scene and structure; by default that of the row.
 
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
@@ -97,7 +104,7 @@ class BeamInWaves:
     name: str = ""
 
     def __call__(self) -> Scene:
-        tower = appendix_beam(self.which, damping=self.damping, duration=self.duration, name=self.name)
+        tower = thesis_towers.appendix_beam(self.which, damping=self.damping, duration=self.duration, name=self.name)
         wave = Wave(0.5 * self.wave_height, self.wave_height / self.steepness, None, 0.5 * math.pi, self.phase)
         water = Water(waves=(wave,), **shared_fields(Water, self))
         return held_in_waves(tower, water, self.submergence, self.end, self.weight).with_(
@@ -106,6 +113,71 @@ class BeamInWaves:
 
 
 beam_in_waves = function_of(BeamInWaves)
+
+
+WAVE_HEIGHT, WAVELENGTH = 1.0, 15.0  # m, §7.2.3
+START_DEPTH = 1.0  # m: the axes of figures 7.6 and 7.7 have the beam 1 m below z = 0
+
+
+@value("tower_in_waves", OptionError, positional=2)
+class TowerInWaves:
+    """A free tower of aluminium tubes of 1.22 m in one harmonic wave; the defaults are §7.2.3's softest case.
+
+    The thesis leaves open which strings there are, how wide a stage is, and where in the wave the tower starts.
+
+    Attributes:
+        stiffness: stiffness of every string [N/m]; 10, 20 and 30 kN/m in the thesis.
+        prestress_measure: L - L0 of every string before form-finding [m]; 0.10, 0.15 and 0.20 m in the thesis.
+        stages: 1 or more.
+        topology: which diagonals.
+        radius: R of a stage before form-finding [m]; ℓ/√6 = 0.498 m by default.
+        damping: damping of every string [N s/m]; the thesis states none.
+        wave_height: H = 2 A [m], >= 0; 0 for still water.
+        wavelength: [m].
+        direction: to which waves travel [rad], from the tower's axis, x, towards y.
+        phase: ε of the wave [rad]; its elevation is A sin(ω t + ε) where the base is.
+        water_depth: [m]; None for deep water.
+        current: [m/s].
+        drag, tangential_drag, added_mass: C_d, C_t, C_a of the rods.
+        segments, weights: how loads are gathered along a rod, see `Water`; None for as many as the wave needs.
+        start_depth: depth of the tower's axis below the still surface [m]; below zero above it.
+        duration: [s].
+        name: name of scene and structure.
+
+    Raises:
+        OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
+    """
+
+    stiffness: float = thesis_towers.STIFFNESSES[0]
+    prestress_measure: float = thesis_towers.PRESTRESS_MEASURES[0]
+    stages: int = thesis_towers.CHAPTER7_STAGES
+    topology: Topology = Topology.FULL
+    radius: float | None = None
+    damping: float = 0.0
+    wave_height: float = field(kinds.not_negative("m"), default=WAVE_HEIGHT)
+    wavelength: float = field(kinds.positive("m"), default=WAVELENGTH)
+    direction: float = 0.0
+    phase: float = 0.0
+    water_depth: float | None = None
+    current: Vector = (0.0, 0.0, 0.0)
+    drag: float = 1.2
+    tangential_drag: float = 0.0
+    added_mass: float = 1.0
+    segments: int | None = None
+    weights: Weights = Weights.RIGID
+    start_depth: float = START_DEPTH
+    duration: float = 40.0
+    name: str = "tower_in_waves"
+
+    def __call__(self) -> Scene:
+        height = self.wave_height
+        wave = Wave(0.5 * height, self.wavelength, None, self.direction, self.phase)
+        water = Water(depth=self.water_depth, waves=(wave,) if height else (), **shared_fields(Water, self))
+        scene = tower_like(self, origin=(0.0, 0.0, -self.start_depth), gravity=GRAVITY)
+        return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
+
+
+tower_in_waves = function_of(TowerInWaves)
 
 
 def held_in_waves(
@@ -118,7 +190,7 @@ def held_in_waves(
     """A tower under water, held at its ends.
 
     Args:
-        tower: of `tower`, lying along x and in equilibrium; its gravity, loads and supports are replaced.
+        tower: made by `tower`, lying along x and in equilibrium; its gravity, loads and supports are replaced.
         water: and its waves.
         submergence: by how much the tower is lowered [m], > 0.
         end, weight: as of `beam_in_waves`.
