@@ -115,19 +115,13 @@ def gain_records(
         if number < len(structure.rods):
             blocks.append(("b", rotation, 3))
         for block, given, n in blocks:
-            gains = given.get(name, Gains()) if isinstance(given, Mapping) else given
+            gains: Any = given.get(name, Gains()) if isinstance(given, Mapping) else given
             if n == 0:
                 continue
-            X, Y, Z = (_matrix(getattr(gains, key), n, f"{key}{block} of '{name}'") for key in ("X", "Y", "Z"))
-            where = f"gains of '{name}', block {block}"
-            check_definite(f"{where}: X", X)
-            check_definite(f"{where}: Z", Z)
-            schur = X - Y @ np.linalg.solve(Z, Y.T)  # Lemma 2.2
-            check_definite(
-                f"{where}: X - Y Z⁻¹ Yᵀ (Schur complement of (5.6))",
-                (schur + schur.T) / 2,
-                remedy=": enlarge X or Z, or reduce Y",
-            )
+            if _plainly_definite(gains):
+                X, Y, Z = (float(one) * np.eye(n) for one in (gains.X, gains.Y, gains.Z))
+            else:
+                X, Y, Z = _checked(gains, n, block, name)
             for key, matrix in (("X", X), ("Y", Y), ("Z", Z)):
                 records[number][f"{key}{block}"][:n, :n] = matrix
         if number < len(structure.rods):
@@ -136,6 +130,30 @@ def gain_records(
             check_definite(f"stiffness K of '{name}' (6.6)", K, semi=True)
             records[number]["Kb"] = K
     return records
+
+
+def _plainly_definite(gains: Gains) -> bool:
+    """Return whether X, Y, Z are numbers with X > 0, Z > 0 and X Z > Y² by more than round-off."""
+    numbers: tuple[Any, ...] = (gains.X, gains.Y, gains.Z)
+    if not all(type(one) in (int, float) and abs(one) < 1e100 for one in numbers):
+        return False
+    X, Y, Z = (float(one) for one in numbers)
+    return X > 0 and Z > 0 and X * Z > (1 + 1e-12) * Y * Y
+
+
+def _checked(gains: Gains, n: int, block: str, name: str) -> tuple[Array, Array, Array]:
+    """X, Y, Z (n, n) of a block of a rod or point mass, of which [X Y; Yᵀ Z] is definite; OptionError where not."""
+    X, Y, Z = (_matrix(getattr(gains, key), n, f"{key}{block} of '{name}'") for key in ("X", "Y", "Z"))
+    where = f"gains of '{name}', block {block}"
+    check_definite(f"{where}: X", X)
+    check_definite(f"{where}: Z", Z)
+    schur = X - Y @ np.linalg.solve(Z, Y.T)  # Lemma 2.2
+    check_definite(
+        f"{where}: X - Y Z⁻¹ Yᵀ (Schur complement of (5.6))",
+        (schur + schur.T) / 2,
+        remedy=": enlarge X or Z, or reduce Y",
+    )
+    return X, Y, Z
 
 
 def _matrix(value: ArrayLike, n: int, what: str) -> Array:

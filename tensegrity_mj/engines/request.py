@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, member, positive
@@ -17,6 +17,10 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible, whole_r
 from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.dynamics.native.plant import Plant
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,19 @@ def settled(engine: Any, request: Request) -> tuple[Any, Request, list[str]]:
     actuation = request.actuation if period is None else Actuation(request.actuation.mode, float(period))
     interval = found.get("output interval")
     return engine, replace(request, duration=found["duration"], output_interval=interval, actuation=actuation), words
+
+
+@dataclass(frozen=True)
+class ReadyRun:
+    """A run that is ready to start.
+
+    Attributes:
+        run: its loop, and the trajectory of it.
+        plant: packed for it; None where its engine packs none, or several as it chooses its method.
+    """
+
+    run: Callable[[], Trajectory]
+    plant: Plant | None = None
 
 
 class Accelerations(Protocol):

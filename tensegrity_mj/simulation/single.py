@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
@@ -18,7 +18,7 @@ from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.controllers.scenes import SCENE_LAW, AnyLaw, law_for
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines import continuing, requirements, table
-from tensegrity_mj.engines.request import AcceleratingEngine, Request, request_for, settled
+from tensegrity_mj.engines.request import AcceleratingEngine, ReadyRun, Request, request_for, settled
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -29,7 +29,10 @@ from tensegrity_mj.vibration.step_warnings import may_be_the_step, warn_before_r
 
 
 class Engine(Protocol):
-    """Frozen options and one `run`."""
+    """Frozen options and one `run`.
+
+    An engine that packs a plant has `prepare(request)`, too: a `ReadyRun`, whose plant the check of the step shares.
+    """
 
     def run(self, request: Request) -> Trajectory:
         """Simulate a request."""
@@ -92,10 +95,12 @@ def simulate(
         if default is SCENE_LAW and request.law.description != before.provenance.get("controller"):
             raise OptionError("the run to go on from was not under the scene's own law: give its law, or None for none")
     law, actuation = request.law, request.actuation
-    checked = warn_before_run(scene, engine, law, actuation)
+    checked = None
     try:
         with interrupts.deferred(), np.errstate(over="ignore", invalid="ignore"):  # what diverges is an error by itself
-            run = engine.run(request)
+            ready = engine.prepare(request) if hasattr(engine, "prepare") else ReadyRun(partial(engine.run, request))
+            checked = warn_before_run(scene, engine, law, actuation, ready.plant)
+            run = ready.run()
     except DivergenceError as error:
         if checked is not None and isinstance(error.trajectory, Trajectory):
             error.trajectory.reports["stability"] = checked

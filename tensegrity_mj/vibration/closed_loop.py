@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,20 +19,33 @@ from tensegrity_mj.vibration.blocks import DENSE
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.small_motions import LawDerivative, Vibration, vibration
 
+if TYPE_CHECKING:
+    from tensegrity_mj.dynamics.native.plant import Plant
+
 LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its square
+_WRITTEN = (
+    "nodes",
+    "velocities",
+    "segment_lengths",
+    "lengths",
+    "rates",
+    "command",
+    "report",
+)  # by the law's evaluation
 _WAYS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])  # ahead and behind, of nodes and of velocities
 
 
 class LawAtStates:
     """A law's commands as a function of the state, and their derivative."""
 
-    def __init__(self, scene: Scene, native: NativeLaw) -> None:
+    def __init__(self, scene: Scene, native: NativeLaw, plant: Plant | None = None) -> None:
+        """`plant`: one that is packed already for a run of the scene under the law, and is left as it is."""
         # Compiled functions: only where there is a law.
         from tensegrity_mj.dynamics.native.law_at_states import evaluate_at_states
         from tensegrity_mj.dynamics.native.plant import Plant
 
         self.native, self._commands = native, evaluate_at_states
-        self._plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
+        self._plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP) if plant is None else plant
 
     def __call__(self, time: float, states: Array) -> Array:
         """(K, M) force densities [N/m] or rest lengths [m] at states (K, 2, N, 3), nodes and velocities.
@@ -41,10 +55,15 @@ class LawAtStates:
         """
         states, plant = np.ascontiguousarray(states), self._plant
         commands = np.empty((len(states), len(plant.scene.structure.strings)))
-        status = int(self._commands(plant.address, time, len(states), address_of(states), address_of(commands)))
-        plant.raise_if_failed(status, time)
-        if status == NO_SOLUTION:
-            raise InfeasibleError(plant.infeasible_message(time))
+        before = {name: np.array(plant[name]) for name in _WRITTEN}
+        try:
+            status = int(self._commands(plant.address, time, len(states), address_of(states), address_of(commands)))
+            plant.raise_if_failed(status, time)
+            if status == NO_SOLUTION:
+                raise InfeasibleError(plant.infeasible_message(time))
+        finally:
+            for name, values in before.items():
+                plant[name][:] = values
         return commands
 
     def derivative(self, model: Vibration, velocities: Array, time: float) -> LawDerivative:

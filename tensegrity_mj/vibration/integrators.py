@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, bisect
-from tensegrity_mj.vibration.bounds import Bounds
+from tensegrity_mj.vibration.bounds import bounds_of
 from tensegrity_mj.vibration.small_motions import Vibration
 from tensegrity_mj.vibration.stepping import Scheme
 from tensegrity_mj.vibration.tree import has_tree_model, tree_limit, tree_model
@@ -79,16 +79,9 @@ def is_stable(model: Vibration, scheme: Scheme, step: float, extra: tuple[comple
     """Return whether a step is within the limit; with a law only this step is checked, without a search."""
     if model.law is None:
         return step <= limit_of(model, scheme, extra)[0]
-    if scheme is Scheme.RUNGE_KUTTA and step <= _bounds(model).stable_step(scheme):
+    if scheme is Scheme.RUNGE_KUTTA and step <= bounds_of(model).stable_step(scheme):
         return True  # without eigenvalues, whose libraries alone take some MB
     return _is_stable(model, scheme, step)
-
-
-def _bounds(model: Vibration) -> Bounds:
-    """Bounds of a model with a law: no |x* K x| of unit vectors x is above the root of the sum of squares of K."""
-    assert model.law is not None
-    K, D = model.material + model.geometric + model.law.stiffness, model.damper + model.law.damping
-    return Bounds(0.0, float(np.linalg.norm(K)), 0.0, float(np.linalg.norm(D)))
 
 
 def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array:

@@ -26,7 +26,7 @@ all of the tangential stiffness of the motion but a part that is not above zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -62,15 +62,10 @@ class Vibration:
         tension: (M,) [N].
         stiffness: (M,) [N/m] of each string in this model: k, or its curve's slope; u where force densities are held.
         damping: (M,) [N s/m].
-        material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
-        string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
-        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones count with. Where rods
-            share nodes half of `string_damper`, as if there were no dampers: `tree` has what they know there.
-        acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
-        bars: (n, n) [1/s²] the part of `material` that elastic rods have.
         law: contribution of a law in the loop, or None.
 
-    Dense matrices leave out the motions that joints of the state forbid; for sparse ones `project` removes them.
+    Its matrices are made when they are first used. Dense ones leave out the motions that joints of the state forbid;
+    for sparse ones `project` removes them.
     """
 
     state: State
@@ -79,14 +74,74 @@ class Vibration:
     tension: Array
     stiffness: Array
     damping: Array
-    material: Any = field(repr=False)
-    geometric: Any = field(repr=False)
-    damper: Any = field(repr=False)
-    string_damper: Any = field(repr=False)
-    body_damper: Any = field(repr=False)
-    acceleration: Array = field(repr=False)
-    bars: Any = field(repr=False)
     law: LawDerivative | None = None
+
+    @cached_property
+    def rods(self) -> tuple[Array, Array]:
+        """Blocks (B, slots, slots) [1/s²] of the geometric stiffness that bodies have, and ÿ (n,), `acceleration`."""
+        paths, directions = self.scene.structure.paths, self.state.segments.directions
+        return geometric_of_rods(self.state, directions * self.tension[paths.strings, None])
+
+    @property
+    def acceleration(self) -> Array:
+        """(n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium."""
+        return self.rods[1]
+
+    @cached_property
+    def bars(self) -> Any:
+        """(n, n) [1/s²] the part of `material` that elastic rods have."""
+        return self.state.assembly.sum(self.state.bars()[0])
+
+    @cached_property
+    def material(self) -> Any:
+        """(n, n) [1/s²] the part of K above of strings that stretch, and of what else resists motions."""
+        own = self._of_strings(along=self.stiffness) + self.bars
+        return sum((self.state.assembly.sum(part) for part in self.state.resisting[0]), own)
+
+    @cached_property
+    def geometric(self) -> Any:
+        """(n, n) [1/s²] the part of K above of tensions and of the forces on rods."""
+        rows = np.arange(len(self.rods[0]))
+        return self._of_strings(Blocks(self.rods[0], rows, rows), across=self.pull_per_length)
+
+    @cached_property
+    def damper(self) -> Any:
+        """(n, n) [1/s] D above."""
+        return sum((self.state.assembly.sum(part) for part in self.state.resisting[1]), self.string_damper)
+
+    @cached_property
+    def string_damper(self) -> Any:
+        """(n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with."""
+        return self._of_strings(self.state.bars()[1], along=self.damping)
+
+    @cached_property
+    def body_damper(self) -> Any:
+        """(n, n) [1/s] the blocks of `string_damper` on single bodies: what the implicit integrators count with.
+
+        Where rods share nodes half of `string_damper`, as if there were no dampers: in a tree of MuJoCo's bodies, which
+        dampers an implicit integrator knows depends on the tree, and `tree` has them.
+        """
+        if self.state.joints is not None:
+            return 0.5 * self.string_damper
+        return self._of_strings(self.state.bars()[1], between=False, along=self.damping)
+
+    @cached_property
+    def seen(self) -> Any:
+        """(n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always."""
+        return self._of_strings(along=np.where(self.taut, self.scene.structure.stiffness, 0.0)) + self.bars
+
+    def _of_strings(
+        self,
+        blocks: Blocks | None = None,
+        between: bool = True,
+        along: Array | None = None,
+        across: Array | None = None,
+    ) -> Any:
+        """The matrix of stiffnesses or dampers (M,) along strings or (S,) across segments, with blocks added."""
+        paths, directions = self.scene.structure.paths, self.state.segments.directions
+        along = np.zeros(len(self.taut)) if along is None else along
+        across = np.zeros(len(directions)) if across is None else across
+        return self.state.assembly(spring_blocks(paths, directions, along, across), blocks, between)
 
     @property
     def scene(self) -> Scene:
@@ -98,17 +153,12 @@ class Vibration:
         """n."""
         return self.state.bodies.slots * len(self.state.bodies.mass)
 
-    @cached_property
-    def seen(self) -> Any:
-        """(n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always."""
-        k = np.where(self.taut, self.scene.structure.stiffness, 0.0)
-        paths, directions = self.scene.structure.paths, self.state.segments.directions
-        return self.state.assembly(spring_blocks(paths, directions, k, np.zeros(len(directions)))) + self.bars
-
     @property
     def pull_per_length(self) -> Array:
         """(S,) [N/m] T/l of each segment: what it resists motions across it with."""
-        return _pull_per_length(self.state, self.tension)
+        lengths = self.state.segments.lengths
+        strings = self.scene.structure.paths.strings
+        return np.asarray(self.tension[strings] / np.where(lengths > 0, lengths, 1.0))
 
     @property
     def is_dense(self) -> bool:
@@ -153,8 +203,7 @@ def vibration(
     """
     structure = scene.structure
     state = State(scene, bodies or Bodies.of(structure), nodes, velocities, time)
-    paths, length, s = structure.paths, state.lengths, state.segments.directions
-    curves = structure.curves
+    length, curves = state.lengths, structure.curves
     taut, at_edge = on_taut_side(length, rest_lengths, nodes, broken)
     pull = curves.stiffness * (length - rest_lengths) if curves.linear else curves.tension(length - rest_lengths)
     total = pull + structure.damping * state.rates
@@ -165,35 +214,4 @@ def vibration(
     stiffness = np.where(taut, k if force_densities is None else force_densities, 0.0)
     damping = np.where(taut, structure.damping, 0.0)
 
-    assemble, none = state.assembly, np.zeros(len(s))
-    rods, acceleration = geometric_of_rods(state, s * tension[paths.strings, None])
-    material = assemble(spring_blocks(paths, s, stiffness, none))
-    dampers, (stretching, slowing) = spring_blocks(paths, s, damping, none), state.bars()
-    bars = assemble.sum(stretching)
-    material, strings = material + bars, assemble(dampers, slowing)
-    damper = strings
-    stiff, lossy = state.resisting()
-    material = sum((assemble.sum(part) for part in stiff), material)
-    damper = sum((assemble.sum(part) for part in lossy), damper)
-    own = Blocks(rods, np.arange(len(rods)), np.arange(len(rods)))
-    return Vibration(
-        state=state,
-        taut=taut,
-        at_edge=at_edge,
-        tension=tension,
-        stiffness=stiffness,
-        damping=damping,
-        material=material,
-        geometric=assemble(spring_blocks(paths, s, np.zeros(len(k)), _pull_per_length(state, tension)), own),
-        damper=damper,
-        string_damper=strings,
-        # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
-        body_damper=0.5 * strings if state.joints is not None else assemble(dampers, slowing, between=False),
-        acceleration=acceleration,
-        bars=bars,
-    )
-
-
-def _pull_per_length(state: State, tension: Array) -> Array:
-    lengths = state.segments.lengths
-    return np.asarray(tension[state.scene.structure.paths.strings] / np.where(lengths > 0, lengths, 1.0))
+    return Vibration(state, taut, at_edge, tension, stiffness, damping)

@@ -177,6 +177,7 @@ class State:
         first, second = (Blocks(weight[:, None, None] * values, bars.rows, bars.rows) for weight in weights)
         return first, second
 
+    @cached_property
     def resisting(self) -> tuple[list[Blocks], list[Blocks]]:
         """Stiffness and dampers of what is no string: joints in bending, a viscous fluid, the scene's elements."""
         scene, bodies, motion = self.scene, self.bodies, self.motion

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.checks import warn_caller
 from tensegrity_mj.basics.remembered import Remembered
@@ -20,11 +20,16 @@ from tensegrity_mj.vibration.bounds import bounds_at
 from tensegrity_mj.vibration.stable_step import StableStep, solvable, stable_step, step_of
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
+if TYPE_CHECKING:
+    from tensegrity_mj.dynamics.native.plant import Plant
+
 LAW_COORDINATES = 100  # of a structure up to which the check before a run takes the law's derivative
 RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are checked
 
 
-def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
+def before_run(
+    scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation, plant: Plant | None = None
+) -> tuple[dict[str, Any] | None, str]:
     """Check the step before a run: return `run.reports["stability"]`, and the text of a warning or "".
 
     A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never calls a
@@ -32,13 +37,19 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
     that contact needs are checked separately, by `contact_steps`.
 
     The result is kept for a scene, an engine and a law as long as the scene lives, if none of them can change.
+
+    Args:
+        plant: that of the run, where its engine has packed one: it evaluates the law, and is left as it is.
     """
+    stepping: Stepping = engine.stepping
     if not dataclasses.is_dataclass(engine) or not _stays(scene, law):
-        return _before_run(scene, engine, law, actuation)
+        return _before_run(scene, stepping, law, actuation, plant)
     options = tuple(getattr(engine, item.name) for item in dataclasses.fields(engine))
     # With what the law keeps alive: its addresses stay its own.
     key = (type(engine), options, law.address, law.context, actuation)
-    found, text, _ = _remembered.get(scene, key, lambda: (*_before_run(scene, engine, law, actuation), law.keep))
+    found, text, _ = _remembered.get(
+        scene, key, lambda: (*_before_run(scene, stepping, law, actuation, plant), law.keep)
+    )
     return copy.deepcopy(found), text
 
 
@@ -51,14 +62,15 @@ def _stays(scene: Scene, law: NativeLaw) -> bool:
     return not of_python and (not law.address or law.stateless)
 
 
-def _before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
-    stepping: Stepping = engine.stepping
+def _before_run(
+    scene: Scene, stepping: Stepping, law: NativeLaw, actuation: Actuation, plant: Plant | None
+) -> tuple[dict[str, Any] | None, str]:
     scheme, step = stepping.scheme, stepping.timestep
     if scheme is None or step is None:
         return None, ""
     try:
         with solvable(scene):
-            report, text = _checked(scene, stepping, scheme, step, law, actuation)
+            report, text = _checked(scene, stepping, scheme, step, law, actuation, plant)
     except SceneError as error:
         report, text = {"step": step, "checked": False, "reason": str(error)}, f"the step was not checked: {error}"
     except Exception as error:
@@ -70,9 +82,11 @@ def _before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation)
     return report, text
 
 
-def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> dict[str, Any] | None:
+def warn_before_run(
+    scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation, plant: Plant | None = None
+) -> dict[str, Any] | None:
     """`before_run`, with the warning given to whoever called `simulate`."""
-    report, text = before_run(scene, engine, law, actuation)
+    report, text = before_run(scene, engine, law, actuation, plant)
     if text:
         warn_caller(text, StabilityWarning)
     return report
@@ -128,7 +142,13 @@ def explain_warnings(
 
 
 def _checked(
-    scene: Scene, stepping: Stepping, scheme: Scheme, step: float, law: NativeLaw, actuation: Actuation
+    scene: Scene,
+    stepping: Stepping,
+    scheme: Scheme,
+    step: float,
+    law: NativeLaw,
+    actuation: Actuation,
+    plant: Plant | None,
 ) -> tuple[dict[str, Any], str]:
     structure = scene.structure
     bodies = Bodies.of(structure)
@@ -148,7 +168,7 @@ def _checked(
         bound = bounds.stable_step(scheme)
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
-    loop = closed_loop.Loop(scene, bodies, closed_loop.LawAtStates(scene, law) if pure else None, actuation.mode)
+    loop = closed_loop.Loop(scene, bodies, closed_loop.LawAtStates(scene, law, plant) if pure else None, actuation.mode)
     model = loop.at(scene.nodes0, scene.velocities0, None, float(scene.start_time))
     if not integrators.is_stable(model, scheme, step, stepping.constraints):
         found = step_of(model, stepping, float(scene.start_time))

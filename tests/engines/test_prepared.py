@@ -13,11 +13,15 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.mujoco import prepared as preparing
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.prepared import prepared
+from tensegrity_mj.engines.reference.dae import Solver
+from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import DivergenceError, StabilityWarning
 from tensegrity_mj.model import Contact, Motion
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Support
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.text.sources import scene_names
@@ -168,6 +172,42 @@ def test_the_check_before_a_run_knows_laws_and_engines_apart() -> None:
     assert found[1] == found[4]
     found[4]["notes"].append("a remark of somebody's")
     assert report_of(scene, fast, long) == found[1]  # reports are copies
+
+
+PACKING = {
+    "MuJoCo": tmj.MuJoCo(1e-3),
+    "MuJoCo, located": tmj.MuJoCo(1e-3, locate_slack=True),
+    "MuJoCo, Euler": tmj.MuJoCo(1e-3, tmj.Integrator.EULER),
+    "DAE": tmj.DAE(method=tmj.Method.RK4, timestep=1e-3),
+    "DAE, full": tmj.DAE(method=tmj.Method.RK4, timestep=1e-3, solver=Solver.FULL),
+    "DAE, adaptive": tmj.DAE(),
+    "ODE": tmj.ODE(method=tmj.Method.RK4, timestep=1e-3),
+}
+
+
+@pytest.mark.parametrize("engine", PACKING.values(), ids=PACKING)
+def test_one_plant_is_packed_a_run_and_the_check_of_the_step_leaves_it_as_it_was(
+    engine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its law is evaluated by the check in a continuous loop and for what winches hold, and no bit of the run moves."""
+    scene = tmj.load_scene("prism").with_(duration=5e-3)
+    packed, pack = [], Plant.__init__
+
+    def count(self: Plant, *given: Any) -> None:
+        packed.append(self)
+        pack(self, *given)
+
+    monkeypatch.setattr(Plant, "__init__", count)
+    for actuation in (Actuation.continuous(), Actuation.hold_force_density(1e-3)):
+        law = tmj.controllers.from_scene(scene)
+        run = tmj.simulate(scene, law, engine, actuation=actuation)
+        assert len(packed) == 1
+        if engine.stepping.scheme is not None:
+            assert run.reports["stability"]["checked"]
+        bare = engine.run(request_for(scene, law, None, actuation, OnInfeasible.STOP, None, False))
+        packed.clear()
+        for name in ("nodes", "velocities", "rest_lengths", "tensions", "lyapunov", "winch_work"):
+            assert np.array_equal(getattr(run, name), getattr(bare, name)), name
 
 
 def test_the_warning_comes_each_time() -> None:

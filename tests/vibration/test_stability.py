@@ -19,14 +19,15 @@ from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.names import NAMES, engine_of
 from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.library.random_taut import random_taut_structure
-from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.studies.stability import study
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
 from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, measured_limit, steps_for
 from tensegrity_mj.vibration import stable_step as inside
 from tensegrity_mj.vibration.bodies import Bodies
-from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at
+from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at, bounds_of
+from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
 from tensegrity_mj.vibration.integrators import (
     amplification_matrix,
     is_stable,
@@ -192,6 +193,28 @@ def test_the_cheap_bound_is_one(seed: int) -> None:
         assert 0 < least <= real
         if math.isfinite(real) and scheme is not Scheme.LINEARLY_IMPLICIT:
             assert least > 0.05 * real  # and not a useless one
+
+
+def test_the_cheap_bound_of_a_loop_is_one() -> None:
+    """Of |x* K x| and |x* D x|, which are below the largest eigenvalues of (A + Aᵀ)/2 and (A - Aᵀ)/2 i together."""
+    scene = tmj.load_scene("prism")
+    for rate in (1.0, 30.0):
+        law = tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=rate)
+        loop = Loop(
+            scene, Bodies.of(scene.structure), LawAtStates(scene, native_law(law, scene.structure)), Mode.CONTINUOUS
+        )
+        model = loop.at(scene.nodes0, scene.velocities0, None, 0.0)
+        assert model.law is not None
+        bounds = bounds_of(model)
+        for matrix, bound in (
+            (model.material + model.geometric + model.law.stiffness, bounds.material + bounds.rest),
+            (model.damper + model.law.damping, bounds.damper + bounds.other),
+        ):
+            for sign in (1, -1):
+                part = 0.5 * (matrix + sign * matrix.T)
+                assert np.abs(np.linalg.eigvals(part)).max() <= bound
+        assert 0.05 * limit_of(model, Scheme.RUNGE_KUTTA)[0] < bounds.stable_step(Scheme.RUNGE_KUTTA)
+        assert bounds.stable_step(Scheme.RUNGE_KUTTA) <= limit_of(model, Scheme.RUNGE_KUTTA)[0]
 
 
 def test_the_half_disc_of_runge_kutta() -> None:

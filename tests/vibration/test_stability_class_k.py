@@ -558,7 +558,7 @@ def test_dampers_in_a_tree_are_in_the_limit_of_the_implicit_integrators(seed: in
     found = at_rest(scene, "implicitfast")
     assert found["ratio"] == pytest.approx(1.0, abs=0.02), found
     model = model_of(scene)
-    bare = limit_of(replace(model, string_damper=0 * model.string_damper), Scheme.VELOCITY_IMPLICIT)[0]
+    bare = limit_of(replace(model, damping=0 * model.damping), Scheme.VELOCITY_IMPLICIT)[0]
     assert abs(bare / found["measured"] - 1) > 0.05  # or the test would be empty
 
 

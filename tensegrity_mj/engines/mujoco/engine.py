@@ -5,6 +5,8 @@ With an accuracy it tries several of its integrators.
 
 from __future__ import annotations
 
+from functools import partial
+
 import mujoco
 import numpy as np
 
@@ -15,23 +17,20 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco import install, joints, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
-from tensegrity_mj.engines.mujoco.prepared import give_back
 from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import Accelerations, ReadyRun, Request
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-def run(options: MuJoCo, request: Request) -> Trajectory:
-    """Make a run, of several steps and integrators with an accuracy."""
+def prepare(options: MuJoCo, request: Request) -> ReadyRun:
+    """A run with its model, data and plant; with an accuracy, one of several steps and integrators."""
     if options.accuracy is not None:
-        return run_accurately(options.accuracy, request)
+        return ReadyRun(partial(run_accurately, options.accuracy, request))
     made = (LocatedRun if options.locate_slack else MuJoCoRun)(options, request)
-    found = made.run()
-    give_back(made.ready)
-    return found
+    return ReadyRun(made.run, made.plant)
 
 
 def accelerations(options: MuJoCo, request: Request) -> Accelerations:
@@ -101,7 +100,7 @@ def _ladder(integrator: Integrator, start: Rates, request: Request) -> Ladder:
         return rates.resolving_step(request.duration, ORDER[integrator], damped=explicit)
 
     def make(step: float, adapted: Request) -> Trajectory:
-        return run(MuJoCo(step, integrator, locate_slack=located), adapted)
+        return MuJoCo(step, integrator, locate_slack=located).run(adapted)
 
     stages = MuJoCo(integrator=integrator).stages
     return fixed_steps(integrator.value, order, stages, longest, start, request, make, located)

@@ -17,7 +17,7 @@ from tensegrity_mj.vibration.stepping import Scheme, Stepping
 if TYPE_CHECKING:
     import mujoco
 
-    from tensegrity_mj.engines.request import Accelerations, Request
+    from tensegrity_mj.engines.request import Accelerations, ReadyRun, Request
     from tensegrity_mj.model.scene import Scene
     from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -127,9 +127,13 @@ class MuJoCo:
         """Many runs on threads, for `simulate_many`."""
         return import_module(f"{__package__}.ensemble").MuJoCoEnsemble(self, requests, threads)
 
+    def prepare(self, request: Request) -> ReadyRun:
+        """A run with its model, data and plant; called by `simulate`."""
+        return _engine().prepare(self, request)
+
     def run(self, request: Request) -> Trajectory:
-        """Simulate; called by `simulate`."""
-        return _engine().run(self, request)
+        """Simulate."""
+        return self.prepare(request).run()
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations J q̈ + J̇ q̇ of the model that `run` steps."""

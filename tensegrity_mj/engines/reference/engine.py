@@ -18,7 +18,7 @@ from tensegrity_mj.engines.accuracy.search import FEWEST_STEPS, find, fixed_step
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.reference import adaptive, equations, integration
 from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import Accelerations, ReadyRun, Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
@@ -121,12 +121,21 @@ class ReferenceEngine:
 
         return at
 
-    def run(self, request: Request) -> Trajectory:
-        """Simulate; called by `simulate`."""
+    def prepare(self, request: Request) -> ReadyRun:
+        """A run with its plant and equations; called by `simulate`."""
         if self.accuracy is None:
-            return integrate(self.prepared(request))
+            run = self.prepared(request)
+            return ReadyRun(partial(integrate, run), run.plant)
         plain: Any = partial(replace, self, accuracy=None)
-        return run_accurately(self.accuracy, request, plain, lambda options, made: integrate(options.prepared(made)))
+        return ReadyRun(
+            partial(
+                run_accurately, self.accuracy, request, plain, lambda options, one: integrate(options.prepared(one))
+            )
+        )
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate."""
+        return self.prepare(request).run()
 
 
 def integrate(run: integration.IntegratedRun) -> Trajectory:
