@@ -419,21 +419,21 @@ def test_only_stops_that_the_remedy_does_not_mend_are_refusals_without_need(monk
 
 @pytest.fixture(scope="module")
 def study() -> Any:
-    return extremes(34, 7, kinds=CHEAP, workers=HERE)
+    return extremes(len(CHEAP), 7, kinds=CHEAP, workers=HERE)
 
 
 def test_nothing_is_undetected(study: Any) -> None:
     total = study.data["table"][-1]
     found = [one for one in study.data["results"] if one["verdict"] == "undetected"]
     assert not found
-    assert total["runs"] == 34
-    assert sum(total[verdict.value] for verdict in Verdict) == 34
-    # Two runs a kind: the shares that the whole study must have are for a thousand.
-    assert total["right"] >= 0.4 * 34
+    assert total["runs"] == len(CHEAP)
+    assert sum(total[verdict.value] for verdict in Verdict) == len(CHEAP)
+    # A run a kind: the shares that the whole study must have are for a thousand.
+    assert total["right"] >= 0.4 * len(CHEAP)
 
 
 def test_a_run_repeats_bit_by_bit_on_its_own(study: Any) -> None:
-    for number in (0, 9, 16, 25):
+    for number in (0, 9, 16, 22):
         one = study.data["results"][number]
         point = {"kind": one["kind"], "number": number, "seed": 7, "autoreset": False}
         again = {"number": number, **task.run_extreme(point)}
