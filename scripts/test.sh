@@ -3,10 +3,10 @@
 # Arguments are passed on to pytest, which runs as many processes as there are cores (-n 0: this one alone).
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+# Some three hundred processes would each compile our sources and what they import anew.
+unset PYTHONDONTWRITEBYTECODE
 set_up dev
 cd "$root"
-# Some three hundred processes would each compile our sources anew.
-unset PYTHONDONTWRITEBYTECODE
 export MALLOC_ARENA_MAX=2 # fewer heaps of threads: JAX tests peaked at 0.90 GB in place of 0.99
 
 # Beside compiling and the first tests, as it takes one core for a minute; what it finds stands at the end.
