@@ -22,7 +22,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import check_definite, check_known, real_array
 from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.dynamics.kernels import place_ends, rod_accelerations, wet_rod_accelerations
@@ -333,19 +333,20 @@ def world_gains(gains: np.ndarray[Any, Any], members: list[Any]) -> np.ndarray[A
     found = np.zeros(len(gains), WORLD_GAINS)
     for name in GAINS.names or ():
         found[name] = gains[name]
-    for gain, member in zip(found, members, strict=True):
-        gain["scalars_z"] = _scalars([gain[name] for name in ("Xz", "Yz", "Zz")], int(member["nz"]))
-        gain["scalars_b"] = _scalars([gain[name] for name in ("Xb", "Yb", "Zb")], 3)
-        E = member["E"]  # its columns beyond nz are zero
-        for name in ("Xz", "Yz", "Zz"):
-            gain[name] = E @ gain[name] @ E.T
-        for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
-            gain[name] = 0.5 * (gain[name] + gain[name].T)
+    E = np.array([member["E"] for member in members]).reshape(-1, 3, 3)  # columns beyond nz are zero
+    sizes = np.array([int(member["nz"]) for member in members])
+    found["scalars_z"] = _scalars([gains[name] for name in ("Xz", "Yz", "Zz")], sizes)
+    found["scalars_b"] = _scalars([gains[name] for name in ("Xb", "Yb", "Zb")], np.full(len(gains), 3))
+    for name in ("Xz", "Yz", "Zz"):
+        found[name] = E @ gains[name] @ E.swapaxes(1, 2)
+    for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
+        found[name] = 0.5 * (found[name] + found[name].swapaxes(1, 2))
     return found
 
 
-def _scalars(matrices: list[Array], n: int) -> Array:
-    """x, y, z of X = x 1, Y = y 1, Z = z 1 in their leading n coordinates; zeros where they are no such multiples."""
-    found = np.array([matrix[0, 0] for matrix in matrices])
-    same = all(np.array_equal(A[:n, :n], x * np.eye(n)) for A, x in zip(matrices, found, strict=True))
-    return found if same else np.zeros(3)
+def _scalars(matrices: list[Array], sizes: IntArray) -> Array:
+    """x, y, z (K, 3) of K matrices X = x 1, Y = y 1, Z = z 1 in their leading coordinates; else zeros."""
+    found = np.stack([matrix[:, 0, 0] for matrix in matrices], axis=1)
+    ones = np.eye(3) * (np.arange(3) < sizes[:, None])[:, None]
+    same = [(x[:, None, None] * ones == A).all(axis=(1, 2)) for A, x in zip(matrices, found.T, strict=True)]
+    return np.where(np.all(same, axis=0)[:, None], found, 0.0)

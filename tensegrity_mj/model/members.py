@@ -358,17 +358,17 @@ def null_space_basis(rows: Array) -> Array:
     if len(rows) == 0:
         return np.eye(3)
     # Unit rows: the length of the row that states a direction does not matter.
-    _, singular, vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None])
+    _, singular, vt = np.linalg.svd(rows / np.sqrt((rows * rows).sum(axis=1))[:, None])
     rank = int(np.sum(singular > 1e-9 * singular[0]))
     projector = vt[rank:].T @ vt[rank:]
     basis: list[Array] = []
     for _ in range(3 - rank):
         # The most admissible world axis next (Gram-Schmidt with pivoting).
-        lengths = np.linalg.norm(projector, axis=0)
-        axis = int(np.argmax(np.round(lengths, 9)))
+        lengths = np.sqrt((projector * projector).sum(axis=0))
+        axis = int(lengths.round(9).argmax())
         column = projector[:, axis] / lengths[axis]
         column[np.abs(column) < 1e-16] = 0.0
-        column /= np.linalg.norm(column)
+        column /= np.sqrt(column.dot(column))
         basis.append(column)
         projector = projector - np.outer(column, column @ projector)
     return np.array(basis).reshape(-1, 3).T
