@@ -18,6 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.basics.hints import fitted, hints_of
 from tensegrity_mj.basics.kinds import Kind, Wrong
+from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.controllers import quadratic_terms as shared
 from tensegrity_mj.controllers.allocation import (
     StringLimits,
@@ -305,7 +306,10 @@ class QuadraticLaw(ModelLaw):
     @cached_property
     def _at_target(self) -> tuple[Array, float, int]:
         assert isinstance(self.target, Target)
-        u, residual, modes = equilibrium_force_densities(self.structure, self.target.nodes[-1], self.gravity)
+        structure, nodes, gravity = self.structure, self.target.nodes[-1], self.gravity
+        u, residual, modes = _equilibria.get(
+            structure, (nodes.tobytes(), gravity), lambda: equilibrium_force_densities(structure, nodes, gravity)
+        )
         return np.asarray(u), float(residual), int(modes)
 
     def describe(self) -> dict[str, Any]:
@@ -323,3 +327,4 @@ class QuadraticLaw(ModelLaw):
 
 
 _HINTS = hints_of(QuadraticLaw)
+_equilibria = Remembered()  # by structure, of target nodes and gravity

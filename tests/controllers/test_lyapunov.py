@@ -17,6 +17,7 @@ from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.model import rods
+from tensegrity_mj.model.rigidity import Equilibrium, equilibrium_force_densities
 
 
 @pytest.mark.parametrize("path", [False, True])
@@ -196,3 +197,20 @@ def test_a_law_too_large_for_the_stack_has_room_of_its_own(monkeypatch: pytest.M
     many = tmj.simulate_many([scene] * 3, law, engine, duration=0.1, threads=2)
     for run in many:
         np.testing.assert_array_equal(run.nodes, on_stack.nodes)
+
+
+def test_the_equilibrium_at_the_target_is_found_once_for_scenes_of_one_structure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, scene = [], tmj.load_scene("prism")
+
+    def count(*given: object) -> Equilibrium:
+        found.append(given)
+        return equilibrium_force_densities(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("tensegrity_mj.controllers.quadratic_law.equilibrium_force_densities", count)
+    starts = [scene.with_(initial_velocities=scale * scene.velocities0) for scale in (0.5, 0.6)]
+    assert from_scene(starts[0]).describe() == from_scene(starts[1]).describe()
+    assert len(found) == 1
+    from_scene(scene.with_(gravity=(0.0, 0.0, -1.0))).describe()
+    assert len(found) == 2
