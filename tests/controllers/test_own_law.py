@@ -98,6 +98,6 @@ def test_what_it_has_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_file_without_a_law_has_no_name() -> None:
     everything: Any = [path.stem for path in Path(controllers.__path__[0]).glob("*.py")]
-    assert {"gains", "quadratic_law", "table"} <= set(everything) - set(LAWS)
+    assert {"quadratic_terms", "quadratic_law", "table"} <= set(everything) - set(LAWS)
     with pytest.raises(KeyError):
-        LAWS["gains"]
+        LAWS["quadratic_terms"]

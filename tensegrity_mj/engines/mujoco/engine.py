@@ -17,6 +17,7 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco import install, joints, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
+from tensegrity_mj.engines.mujoco.prepared import give_back
 from tensegrity_mj.engines.mujoco.run import LocatedRun, MuJoCoRun
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.engines.request import Accelerations, ReadyRun, Request
@@ -30,7 +31,13 @@ def prepare(options: MuJoCo, request: Request) -> ReadyRun:
     if options.accuracy is not None:
         return ReadyRun(partial(run_accurately, options.accuracy, request))
     made = (LocatedRun if options.locate_slack else MuJoCoRun)(options, request)
-    return ReadyRun(made.run, made.plant)
+
+    def run() -> Trajectory:
+        found = made.run()
+        give_back(made.ready)
+        return found
+
+    return ReadyRun(run, made.plant)
 
 
 def accelerations(options: MuJoCo, request: Request) -> Accelerations:

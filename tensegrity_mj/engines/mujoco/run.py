@@ -115,7 +115,7 @@ class MuJoCoRun:
         return {"qpos": data.qpos, "qvel": data.qvel, "qacc_warmstart": data.qacc_warmstart, "work": self.plant["work"]}
 
     def run(self) -> Trajectory:
-        """Make the run, and give back what was lent to it: once."""
+        """Make the run: once."""
         counters, begin, end = self.counters, self.grid.first, {}
         with install.installed(self.plant) as texts:
             self._warm_up()
@@ -136,7 +136,6 @@ class MuJoCoRun:
         found = self.conclude(seconds, texts)
         if end and not self.options.locate_slack:
             found.provenance["end"] = end
-        prepared.give_back(self.ready)
         return found
 
     def _advance(self, first: int, count: int) -> None:
