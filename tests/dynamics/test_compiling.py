@@ -242,13 +242,17 @@ def test_what_has_no_text_is_not_kept() -> None:
 
 
 def test_every_compiled_function_of_ours_is_kept_so() -> None:
-    """`cache=True` is numba's own cache, which does not know what a function calls."""
+    """`cache=True` is numba's own cache, which does not know what a function calls.
+
+    And `fastmath` lets a processor fuse steps, so that bits depend on it.
+    """
     sources = [path for folder in ("tensegrity_mj", "controllers") for path in (ROOT / folder).rglob("*.py")]
     assert len(sources) > 300
     for path in sources:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
-                assert not any(keyword.arg == "cache" for keyword in node.keywords), f"{path}:{node.lineno}"
+                asked = {keyword.arg for keyword in node.keywords}
+                assert not asked & {"cache", "fastmath"}, f"{path}:{node.lineno}"
 
 
 START = """
@@ -278,7 +282,7 @@ RUN = """
 import hashlib, warnings
 warnings.simplefilter("ignore")
 import tensegrity_mj as tmj
-for name, engine in (("prism", tmj.MuJoCo(1e-3)), ("prism", tmj.DAE()), ("tower_waves", tmj.MuJoCo(1e-3))):
+for name, engine in {runs}:
     scene = tmj.load_scene(name)
     law = tmj.controllers.from_scene(scene) if scene.control else None
     run = tmj.simulate(scene, law, engine, duration=0.1)
@@ -286,14 +290,24 @@ for name, engine in (("prism", tmj.MuJoCo(1e-3)), ("prism", tmj.DAE()), ("tower_
 """
 
 
-def test_code_for_any_processor_gives_the_bits_of_code_for_this_one() -> None:
-    """What a wheel ships is compiled for any processor, where only arithmetic without fused steps is allowed."""
+RUNS = ['("prism", tmj.MuJoCo(1e-3))', '("prism", tmj.DAE()), ("tower_waves", tmj.MuJoCo(1e-3))']
+
+
+@pytest.mark.parametrize("runs", [RUNS[0], pytest.param(RUNS[1], marks=pytest.mark.study)], ids=["law", "others"])
+def test_code_for_any_processor_gives_the_bits_of_code_for_this_one(runs: str) -> None:
+    """What a wheel ships is compiled for any processor, where only arithmetic without fused steps is allowed.
+
+    All is compiled by one function with the same options, so that strings and a law show it of all.
+    """
+    script = RUN.replace("{runs}", f"[{runs}]")
     own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU")}
     found = [
-        subprocess.run([sys.executable, "-c", RUN], env=env, check=True, capture_output=True, text=True).stdout.split()
+        subprocess.run(
+            [sys.executable, "-c", script], env=env, check=True, capture_output=True, text=True
+        ).stdout.split()
         for env in (own, own | {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
     ]
-    assert len(found[0]) == 3
+    assert len(found[0]) == runs.count("tmj.")
     assert found[0] == found[1]
 
 
