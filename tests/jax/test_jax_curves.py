@@ -64,11 +64,12 @@ def test_tensions_energies_and_stretches_are_those_of_numpy(kinds: str) -> None:
     assert curves.linear == known.linear
     stretch = np.random.default_rng(2).uniform(-0.2, 0.8, (len(kinds), 50))
     stretch[p["stiffness"] == 0.0] += 0.2  # a constant force has L0 = 0
-    tension, energy = jax.jit(curves.pull)(p, stretch)
+    pull = jax.jit(curves.pull)
+    tension, energy = pull(p, stretch)
     # Sums of five positive terms of four operations each.
     assert np.asarray(tension) == pytest.approx(known.tension(stretch.T).T, rel=5e-15)
     assert np.asarray(energy) == pytest.approx(known.energy(stretch.T).T, rel=5e-15)
-    one = curves.pull(p, stretch[:, 0])
+    one = pull(p, stretch[:, 0])
     assert np.asarray(one[0]) == pytest.approx(np.asarray(tension[:, 0]), rel=5e-15)
     pulls = np.random.default_rng(3).uniform(-5.0, 90.0, (len(kinds), 50))
     found = jax.jit(curves.stretch)(p, pulls)
@@ -94,25 +95,28 @@ def test_the_inverse_finds_the_least_stretch() -> None:
 def test_a_tension_is_the_gradient_of_its_energy_and_has_that_of_differences(kinds: str) -> None:
     curves, p, _ = made(kinds)
     stretch = np.random.default_rng(5).uniform(-0.2, 0.8, (len(kinds), 20))
-    slope = jax.grad(lambda s: curves.pull(p, s)[1].sum())(jnp.asarray(stretch))
-    assert np.asarray(slope) == pytest.approx(np.asarray(curves.pull(p, stretch)[0]), rel=5e-15)
+    slope = jax.jit(jax.grad(lambda s: curves.pull(p, s)[1].sum()))(jnp.asarray(stretch))
+    tension = jax.jit(lambda s: curves.pull(p, s)[0])
+    assert np.asarray(slope) == pytest.approx(np.asarray(tension(stretch)), rel=5e-15)
     # All is linear in p, and piecewise linear in s: differences within a piece are exact but for 2e-16/h of 60 N.
     h, pulls = 1e-4, np.random.default_rng(6).uniform(1.0, 55.0, (len(kinds), 20))
     for function, at, away in (
-        (lambda s: curves.pull(p, s)[0], stretch, np.abs(stretch[..., None] - [0.0, 0.1, 0.2, 0.3, 0.5, 0.6])),
-        (lambda pull: curves.stretch(p, pull), pulls, np.abs(pulls[..., None] - [10.0, 30.0, 40.0, 60.0])),
+        (tension, stretch, np.abs(stretch[..., None] - [0.0, 0.1, 0.2, 0.3, 0.5, 0.6])),
+        (jax.jit(lambda pull: curves.stretch(p, pull)), pulls, np.abs(pulls[..., None] - [10.0, 30.0, 40.0, 60.0])),
     ):
-        found = np.asarray(jax.grad(lambda x, f=function: f(x).sum())(jnp.asarray(at)))
+        found = np.asarray(jax.jit(jax.grad(lambda x, f=function: f(x).sum()))(jnp.asarray(at)))
         near = (np.asarray(function(at + h)) - np.asarray(function(at - h))) / (2 * h)
         clear = away.min(axis=-1) > h
         assert clear.mean() > 0.9
         assert found[clear] == pytest.approx(near[clear], abs=1e-9)
 
+    @jax.jit
     def total(p: Any) -> Any:
         return (curves.pull(p, stretch)[0] * (1 + stretch)).sum() + curves.pull(p, stretch)[1].sum()
 
+    gradient = jax.jit(jax.grad(total))(p)
     for name, values in p.items():
-        found = np.asarray(jax.grad(total)(p)[name])
+        found = np.asarray(gradient[name])
         for m in range(len(kinds)):
             step = np.zeros(len(kinds))
             step[m] = 1.0
@@ -125,9 +129,9 @@ def test_nothing_is_undefined_at_corners_and_parameters_may_have_a_batch() -> No
     curves, p, _ = made("pvlc")
     corners = jnp.tile(jnp.array([0.0, 0.1, 0.2, 0.3, 0.5, 0.6]), (4, 1))
     # As of `TensionCurves.slope`: a corner belongs to the piece before it, and nothing is taut at zero.
-    slopes = jax.grad(lambda s: curves.pull(p, s)[0].sum())(corners)
+    slopes = jax.jit(jax.grad(lambda s: curves.pull(p, s)[0].sum()))(corners)
     assert np.asarray(slopes) == pytest.approx(made("pvlc")[2].slope(np.asarray(corners).T).T, rel=1e-14)
-    for gradient in jax.tree.leaves(jax.grad(lambda p: curves.stretch(p, 100 * corners).sum())(p)):
+    for gradient in jax.tree.leaves(jax.jit(jax.grad(lambda p: curves.stretch(p, 100 * corners).sum()))(p)):
         assert np.isfinite(gradient).all()
     scales = np.array([1.0, 0.5, 3.0])
     many = {name: values[:, None] * scales for name, values in p.items()}

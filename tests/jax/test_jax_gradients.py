@@ -198,7 +198,7 @@ def test_dopri8_without_a_window_warns_of_dampers_and_misses_the_jump(recwarn: p
 def test_the_other_way_of_differentiating_is_named() -> None:
     model = tmj.JAX(window=0.0).model(caught(), times=[0.0, 0.1])
     with pytest.raises(OptionError, match='derivatives="forward"'):
-        jax.jacfwd(lambda p: model.run(p).nodes[-1, 1, 2])(model.parameters)
+        jax.jit(jax.jacfwd(lambda p: model.run(p).nodes[-1, 1, 2]))(model.parameters)  # traced alone
 
 
 def aimed(p: Any, t: Any, x: Any, v: Any) -> Any:

@@ -163,15 +163,17 @@ def test_v_falls_as_promised_under_mujocos_own_accelerations():
     scene = tmj.load_scene("prism")
     law = from_scene(scene)
     own = array_law(law, scene.structure)
-    report = jax.jit(lambda t, x, v: own.command(own.parameters, t, x, v)[1][V])
+    command = jax.jit(lambda t, x, v: own.command(own.parameters, t, x, v))
     run = tmj.simulate(scene, law, tmj.DAE(), duration=1.0, output_interval=0.5)
     for t, x, v in zip(run.time, run.nodes, run.velocities, strict=True):
-        u, _ = own.command(own.parameters, t, x, v)
+        u, report = command(t, x, v)
         a = mujoco_accelerations_at(scene, x, v, np.asarray(u))
         h = 1e-3
-        values = [float(report(t + s, x + s * v + 0.5 * s**2 * a, v + s * a)) for s in h * np.array([-2, -1, 1, 2])]
+        values = [
+            float(command(t + s, x + s * v + 0.5 * s**2 * a, v + s * a)[1][V]) for s in h * np.array([-2, -1, 1, 2])
+        ]
         rate = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
-        now = float(report(t, x, v))
+        now = float(report[V])
         # Truncation h⁴ V⁽⁵⁾/30 with V⁽⁵⁾ of 100 V: 3e-12 V. Round-off: eps V/h = 2e-13 V, and of x, eps x (∂V/∂x)/h.
         assert abs(rate + law.decay_rate * now) <= 1e-10 * now + 1e-12
 

@@ -94,8 +94,8 @@ def test_a_circle_is_one() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_times_may_have_a_batch_and_rates_are_those_of_differences(name: str) -> None:
     scene = SCENES[name]()
-    function, t = displacements(scene), jnp.array([0.31, 0.77, 1.2, 2.4])
-    together = np.asarray(jax.jit(function)(t))
+    function, t = jax.jit(displacements(scene)), jnp.array([0.31, 0.77, 1.2, 2.4])
+    together = np.asarray(function(t))
     assert together.shape == (len(scene.motions), 3, 4)
     for k in range(4):
         # Fused products or not: 50 rounding errors of 2 m.

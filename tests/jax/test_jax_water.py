@@ -103,7 +103,8 @@ def test_what_is_wet_is_the_integral_over_a_cylinder() -> None:
     rng = np.random.default_rng(3)
     cases = [(-0.3, 0.7), (-3, 5), (2, -0.5), (-1.5, -0.9), (-50, 3), (4, -4), (1.5, 2.5), (-2, -1), (-1, 1), (1, -1)]
     pairs = np.array(cases + [tuple(pair) for pair in rng.normal(size=(40, 2)) * 1.5], float)
-    parts, places = (np.asarray(one) for one in wet_part(pairs.T))
+    wet = jax.jit(wet_part)
+    parts, places = (np.asarray(one) for one in wet(pairs.T))
     for (first, second), part, place in zip(pairs, parts, places, strict=True):
         # Ten rounding errors of numbers up to 1, and those of differences of u.
         margin = 2e-15 * (1 + 1 / abs(second - first))
@@ -113,14 +114,14 @@ def test_what_is_wet_is_the_integral_over_a_cylinder() -> None:
     for h in (0.0, 1e-15, 1e-12, 1e-9):
         u = np.linspace(-0.9, 0.9, 7)
         ends = np.stack([u - h / 2, u + h / 2])
-        part, place = wet_part(ends)
+        part, place = (np.asarray(one) for one in wet(ends))
         slope, step = 2 / np.pi * np.sqrt(1 - u * u), ends[1] - ends[0]
         assert np.asarray(part) == pytest.approx(np.array([area(one) for one in ends.mean(0)]), abs=1e-15)
         assert np.asarray(part * (place - 0.5)) == pytest.approx(slope * step / 12, abs=1e-15)
     # Across u = ±1 by h either way, w and 1 - w are 4 √2/(3 π) e^{3/2} of the depth e from there, to within e of that:
     # its mean over the segment has 1/5 of it at h, its centre is at e = 5/7 h. Round-off of 1 is 1e-4 of 4e-12.
     h = 1e-7
-    part, place = (np.asarray(one) for one in wet_part(np.array([[-1 - h, 1 + h], [-1 + h, 1 - h]])))
+    part, place = (np.asarray(one) for one in wet(np.array([[-1 - h, 1 + h], [-1 + h, 1 - h]])))
     small = 4 * np.sqrt(2) / (15 * np.pi) * h**1.5
     assert part == pytest.approx([small, 1 - small], abs=1e-4 * small)
     assert place[0] == pytest.approx(6 / 7, abs=2e-4)
