@@ -26,7 +26,7 @@ CASES: dict[str, tuple[str, dict[str, Any], float, float]] = {
     "prism, Lyapunov": ("prism", {}, 1e-3, 10.0),
     "prism, projection": ("prism", {"law": "projection"}, 1e-3, 10.0),
     "cross": ("cross", {}, 2e-3, 10.0),
-    "beam": ("planar_beam", {}, 1e-2, 15.0),
+    "beam": ("planar_beam", {}, 1e-2, 5.0),
 }
 
 
@@ -49,23 +49,24 @@ def test_three_formulations_agree(case: str) -> None:
         assert error < 1e-7
 
 
-# Scene, MuJoCo's step [s] and whether it locates where strings come taut or slack.
+# Scene, MuJoCo's step [s], whether it locates where strings come taut or slack, and the part of the scene's duration.
 MEMBERS = {
-    "pulley": (1e-3, False),
-    "ladder": (2e-3, False),
-    "massive_string": (2.5e-4, False),
-    "spine": (1.25e-4, False),
-    "fish_net": (5e-4, False),
-    "moored_chain": (5e-3, False),
-    "arrester": (5e-4, True),
+    "pulley": (1e-3, False, 1.0),
+    "ladder": (2e-3, False, 1.0),
+    "massive_string": (2.5e-4, False, 0.4),
+    "spine": (1.25e-4, False, 0.4),
+    "fish_net": (5e-4, False, 0.4),
+    "moored_chain": (5e-3, False, 0.4),
+    "arrester": (5e-4, True, 1.0),
 }
 
 
 @pytest.mark.parametrize("name", MEMBERS)
 def test_scenes_of_all_members_agree_at_order_four(name: str) -> None:
     """Errors C h⁴ (1 + O(h)): at twice the step 16 times, and half of that or twice where h is not small yet."""
-    step, locate = MEMBERS[name]
+    step, locate, part = MEMBERS[name]
     scene = tmj.load_scene(name)
+    scene = scene.with_(duration=part * scene.duration)
     reference = tmj.simulate(scene, None, tmj.DAE(rtol=1e-12, atol=1e-13))
     assert np.abs(reference.nodes - reference.nodes[0]).max() > 0.01
     runs = [tmj.simulate(scene, None, tmj.MuJoCo(h, locate_slack=locate)) for h in (2 * step, step)]
