@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_words import choices_of
 from ledger_lines import lines_of
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import tensegrity_mj as tmj
 from evidence.pages import reproduction
@@ -57,8 +58,13 @@ CHEAP = ("4.2", "4.3", "4.4", "5", "6")  # all but the beam
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
-    """Everything but the beam, in both engines, with figures."""
-    return reproduce(CHEAP, tmp_path_factory.mktemp("ledger"), engines=BOTH, workers=HERE)
+    """Everything but the beam, in both engines, with figures: drawn in full, but not laid out, which takes as long.
+
+    Layouts are those of `save_figure` for every figure; tests/pictures looks at them.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        return reproduce(CHEAP, tmp_path_factory.mktemp("ledger"), engines=BOTH, workers=HERE)
 
 
 def row(made: Reproduction, name: str) -> ledger.Row:
