@@ -546,7 +546,7 @@ def test_kill_9_of_simulations(tmp_path: Path) -> None:
     # The decay rate of a finished point, by its outcome: what the log calls it.
     sweep = Sweep("pinned_rod", [Vary("law.decay_rate", list(range(1, 41)))], fixed={"scene.duration": 5})
     points = [{"parameters": settings} for settings in sweep.points()]
-    whole = run_many(study_tasks.simulated, points, tmp_path / "whole", common=sweep.common(), workers=Workers(2))
+    whole = run_many(study_tasks.simulated, points, tmp_path / "whole", common=sweep.common(), workers=HERE)
     names = {
         canonical(outcome): str(point["parameters"]["law.decay_rate"])
         for point, outcome in zip(whole.points, whole.outcomes, strict=True)
@@ -570,13 +570,13 @@ def test_simulations_on_a_cluster_give_the_same_result(tmp_path: Path) -> None:
         seed=3,
         fixed={"scene.duration": 0.5},
     )
-    sweep.run(tmp_path / "processes")
+    sweep.run(tmp_path / "here", workers=HERE)
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
         sweep.run(tmp_path / "cluster", workers=Workers(backend=Backend.CLUSTER, client=client))
-    assert result(tmp_path / "processes") == result(tmp_path / "cluster")
+    assert result(tmp_path / "here") == result(tmp_path / "cluster")
 
 
 # The page -------------------------------------------------------------------------------------------------------
