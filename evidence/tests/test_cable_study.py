@@ -43,10 +43,7 @@ def modal(case: Case) -> np.ndarray:
 def test_small_amplitudes_are_those_of_modal_superposition(start: Start) -> None:
     """1 mm, outside f2 ± 5 % (0.886 to 0.980 Hz) and at its ends: within 1 %; the first resonance included."""
     f1, f2 = linear_model(SCENE).frequencies[:2]
-    cases = [
-        Case(SCENE, float(f), amplitude=1e-3, start=start)
-        for f in (0.1, f1, 0.5, 0.7, 0.85, 0.95 * f2, 1.05 * f2, 1.0, 1.2)
-    ]
+    cases = [Case(SCENE, float(f), amplitude=1e-3, start=start) for f in (0.1, f1, 0.7, 0.95 * f2, 1.05 * f2, 1.2)]
     found = run_cases(cases, PLACES, workers=HERE).relative[:, :, 0]
     np.testing.assert_allclose(found, [modal(case) for case in cases], rtol=0.01)
 
