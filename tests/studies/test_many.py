@@ -58,7 +58,7 @@ def test_kill_9_again_and_again(tmp_path: Path) -> None:
     counted = Counter(key for key, _ in records(folder))
     assert len(counted) == 300
     assert set(counted.values()) == {1}
-    run_many(study_tasks.noted, [{"x": x, "seconds": 0.01} for x in range(300)], tmp_path / "whole", workers=TWO)
+    run_many(study_tasks.noted, [{"x": x, "seconds": 0.01} for x in range(300)], tmp_path / "whole", workers=HERE)
     assert result(folder) == result(tmp_path / "whole")
 
 
