@@ -142,7 +142,7 @@ def statics(scene: model.Scene) -> dict[str, Any]:
     from tensegrity_mj.linearization.linearizing import ElementStates
     from tensegrity_mj.model.elements.resistance import resisting_forces
     from tensegrity_mj.model.elements.water import water_forces
-    from tensegrity_mj.statics.balance import balance, unheld_gravity
+    from tensegrity_mj.statics.equilibrium import balance, unheld_gravity
     from tensegrity_mj.statics.model import StaticModel
     from tensegrity_mj.statics.self_stress import prestress, self_stress
 

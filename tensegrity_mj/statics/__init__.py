@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.engines import engine_equilibrium as engine_equilibrium
     from tensegrity_mj.statics.equilibrium import find_equilibrium as find_equilibrium
     from tensegrity_mj.statics.equilibrium import relax as relax
+    from tensegrity_mj.statics.lightest import ALUMINIUM as ALUMINIUM
+    from tensegrity_mj.statics.lightest import STEEL as STEEL
+    from tensegrity_mj.statics.lightest import UHMWPE as UHMWPE
+    from tensegrity_mj.statics.lightest import Governs as Governs
+    from tensegrity_mj.statics.lightest import Material as Material
+    from tensegrity_mj.statics.lightest import Sizing as Sizing
     from tensegrity_mj.statics.lightest import minimal_mass as minimal_mass
     from tensegrity_mj.statics.model import Rods as Rods
     from tensegrity_mj.statics.model import StaticModel as StaticModel
@@ -28,12 +34,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.path_steps import Kind as Kind
     from tensegrity_mj.statics.prestress import Prestressability as Prestressability
     from tensegrity_mj.statics.prestress import prestressability as prestressability
-    from tensegrity_mj.statics.sizing import ALUMINIUM as ALUMINIUM
-    from tensegrity_mj.statics.sizing import STEEL as STEEL
-    from tensegrity_mj.statics.sizing import UHMWPE as UHMWPE
-    from tensegrity_mj.statics.sizing import Governs as Governs
-    from tensegrity_mj.statics.sizing import Material as Material
-    from tensegrity_mj.statics.sizing import Sizing as Sizing
     from tensegrity_mj.statics.standing import stand as stand
     from tensegrity_mj.statics.standing import tipping as tipping
     from tensegrity_mj.statics.state import StaticState as StaticState

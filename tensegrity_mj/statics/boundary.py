@@ -22,6 +22,7 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.rigidity import body_motions, turned
 from tensegrity_mj.model.structure import Structure
 
 Matrix: TypeAlias = Array | sparse.csr_array
@@ -181,3 +182,20 @@ def _solve(G: sparse.csr_array, values: Array) -> tuple[sparse.csr_array, Array]
 def _grouped(labels: IntArray, count: int) -> list[IntArray]:
     """Return for each label, from 0 on, the rows that have it."""
     return np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels, minlength=count))[:-1])
+
+
+def lasting_motions(boundary: Boundary, nodes: Array) -> Array:
+    """Orthonormal motions (3N, p) of the whole as one body that go on, as far as supports and holds leave them.
+
+    A turn is one of them where what holds the nodes turns into itself: where it does not, the nodes leave the
+    circle, and the motion is a mechanism of the structure and its supports.
+    """
+    G, Z = boundary.rows, boundary.Z
+    bodies = body_motions(nodes)
+    rows = [np.zeros((6, 6)), np.asarray(G @ bodies)]
+    for held in G.toarray():
+        change = np.asarray(Z.T @ turned(held.reshape(-1, 3)))
+        rows.append(np.hstack([np.zeros_like(change), change]))
+    _, values, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    left, size, _ = np.linalg.svd(bodies @ right[values < 1e-7].T, full_matrices=False)
+    return np.asarray(left[:, size > 1e-9])

@@ -17,6 +17,8 @@ is a check on Newton's method, which is some ten times faster.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -28,7 +30,6 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
-from tensegrity_mj.statics.body_motions import neutral_motions, require_held
 from tensegrity_mj.statics.model import EPS, StaticModel, round_off
 from tensegrity_mj.statics.state import StaticState
 
@@ -81,6 +82,49 @@ def find_equilibrium(
     )
 
 
+FEET = 1e-3  # of the extent: nodes within it of the lowest are feet
+
+
+def require_held(model: StaticModel, parameter: float) -> None:
+    """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
+    resisted = (model.element_stiffness(model.start.ravel()) / model.scale[1],) if model.elements else ()
+    free = model.boundary.straight_ways(*resisted)
+    external = model.external(parameter)
+    force = free @ (free.T @ external.reshape(-1, 3).sum(axis=0))
+    if np.linalg.norm(force) <= 1e-9 * np.abs(external).sum():
+        return
+    scene = model.scene
+    remedy = "take gravity out (gravity = (0, 0, 0), --no-gravity) to see it as it falls freely"
+    if scene.water is not None and scene.structure.rods:
+        remedy = (
+            "buoyancy is that of the start, wherever it would float, so take gravity out, and buoyancy with it "
+            "(gravity = (0, 0, 0), --no-gravity)"
+        )
+    floor = "" if scene.contact is None else _standing(model)
+    raise InfeasibleError(
+        f"'{scene.name}': what acts on it pushes the whole with ({force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g}) N, "
+        f"and nothing holds it in that direction: there is no equilibrium; {remedy}, or hold nodes (holds, --hold) to "
+        f"see it stand{floor}"
+    )
+
+
+def _standing(model: StaticModel) -> str:
+    """Explain how to replace the contact that statics leaves out by a floor: by the heights of the lowest nodes."""
+    contact, names, nodes = model.scene.contact, model.structure.node_names, model.start
+    if contact is None or contact.floor is None or contact.terrain is not None:
+        return "; statics leaves the scene's contact out"
+    heights = nodes @ contact.up
+    least = max(FEET * float(np.ptp(nodes, axis=0).max()), float(np.sort(heights)[:3].max() - heights.min()))
+    feet = [name for name, height in zip(names, heights - heights.min(), strict=True) if height <= least]
+    first = ", ".join(f'"{name}"' for name in feet[:3])
+    held = f"--hold {','.join(feet)}:z" if abs(contact.up[2]) > 1 - 1e-9 else ""
+    held = f"{held}, in Python " if held else ""
+    return (
+        f"; statics leaves the scene's contact out: on a floor without friction it stands by the heights of its feet, "
+        f"{held}tmj.statics.stand(scene, [{first}])"
+    )
+
+
 def placed(model: StaticModel, parameter: float) -> Array:
     """The start (3N,), with holds moved to where the parameter wants them and rods brought to their lengths."""
     x = model.start.ravel() + parameter * model.boundary.moved
@@ -121,7 +165,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
         gap = model.rod_lengths - model.rods(x).lengths
         # Motions that no stiffness resists would go far for a force of round-off: steps go across them.
-        neutral = sparse.csr_array((Z.T @ neutral_motions(model, x, parameter, forces)).T)
+        neutral = sparse.csr_array((Z.T @ linear_systems.neutral_motions(model, x, parameter, forces)).T)
         right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
         while True:
             if mu > MOST_REGULARIZATION * stiffest:
@@ -326,3 +370,67 @@ def _restless(model: StaticModel, taken: int, size: float) -> InfeasibleError:
         f"'{model.scene.name}': not at rest after {taken} steps of dynamic relaxation: {size:.3g} N are left; allow "
         "more iterations, use find_equilibrium, or start nearer (nodes=...)"
     )
+
+
+BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Distance of a structure from equilibrium: the forces on its nodes that neither rods nor supports can balance.
+
+    Of the forces on the nodes (strings, weights, a rod's half at either end, and all that acts there), axial forces of
+    the rods and reactions of supports and holds take away as much as they can. What is left, r, is the least there is
+    in the sum of its squares: the part of the forces along motions that keep rods' lengths and supports. The unbalanced
+    force is the largest magnitude of it on a node,
+
+        max_n ‖r_n‖₂        r = -Z Zᵀ (∇Π + Cᵀ N),   N: those that leave the least
+
+    which is zero in equilibrium, and the same in any system of coordinates. Elastic rods carry what their lengths say.
+
+    Attributes:
+        left: r (N, 3) [N].
+        node: the name of the node with the largest of it.
+        is_equilibrium: whether that is none, within round-off and `BALANCED` of the largest force.
+    """
+
+    left: Array
+    node: str
+    is_equilibrium: bool
+
+    @property
+    def unbalanced(self) -> float:
+        """[N] its largest magnitude on a node."""
+        return float(np.linalg.norm(self.left, axis=1).max(initial=0.0))
+
+    def describe(self) -> str:
+        """Return a description, as text."""
+        size = f"{self.unbalanced:.5g} N"
+        if self.is_equilibrium:
+            return f"{size}, round-off: an equilibrium" if self.unbalanced > 0 else "none: an equilibrium"
+        return f"{size} on node '{self.node}', the largest that neither rods nor supports can balance"
+
+
+def balance(model: StaticModel) -> Balance:
+    """Return the balance of a model at its start, without what the parameter of a path multiplies."""
+    x, Z = model.start.ravel(), model.boundary.Z
+    gradient = model.gradient(x, 0.0)
+    forces = linear_systems.rod_forces(model, x, gradient)
+    left = -(Z @ (Z.T @ (gradient + model.rod_pulls(x, forces)))).reshape(-1, 3)
+    parts = (model.tensions(model.lengths(x)), forces, model.external(0.0), model.element_forces(x))
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+    sizes = np.linalg.norm(left, axis=1)
+    threshold = max(BALANCED * largest, round_off(model, x, 0.0, forces))
+    worst = model.structure.node_names[int(sizes.argmax())] if len(sizes) else ""
+    return Balance(left, worst, bool(sizes.max(initial=0.0) <= threshold))
+
+
+def unheld_gravity(scene: Scene) -> Array:
+    """(3,) [m/s²]: the part of gravity along straight lines on which no support holds the structure; zero for none.
+
+    Contact and water hold only where the structure touches them, and are left out.
+    """
+    gravity = np.array(scene.gravity)
+    free = StaticModel.of(scene).boundary.straight_ways()
+    falls = free @ (free.T @ gravity)
+    return falls if np.linalg.norm(falls) > 1e-9 * np.linalg.norm(gravity) else np.zeros(3)

@@ -15,7 +15,7 @@ from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.statics.body_motions import neutral_motions
+from tensegrity_mj.model.rigidity import body_motions, turned
 from tensegrity_mj.statics.boundary import Matrix
 from tensegrity_mj.statics.model import RANK, StaticModel
 
@@ -103,6 +103,45 @@ class Linearized:
         if not np.any(moved):
             return np.asarray(self.Z.T @ pushed), np.zeros(len(self.forces))
         return np.asarray(self.Z.T @ (self.hessian @ moved + pushed)), np.asarray(self.slopes @ moved)
+
+
+def neutral_motions(model: StaticModel, x: Array, parameter: float, rod_forces: Array) -> Array:
+    """Orthonormal motions (3N, p) of the whole as one body that change no energy: what no stiffness resists.
+
+    Translations across the external forces, and turns about an axis to which all of these are parallel, as far as
+    supports and holds leave them, and as far as these keep them on their way: a node that a guide holds on a
+    straight line leaves the circle about an axis at once, and the reaction of the guide resists.
+
+    At x (3N,) [m], for the parameter of a path, under axial forces N (R,) [N] of the rods.
+    """
+    G, Z = model.boundary.quick
+    bodies = body_motions(x.reshape(-1, 3))
+    forces = model.external(parameter)
+    largest = float(np.abs(forces).max(initial=0.0))
+    rows = [np.zeros((6, 6)), np.asarray(G @ bodies)]
+
+    def by_turning(force: Array) -> Array:
+        """Return the change of forces (3N,) when the whole turns, on the free coordinates (q, 6)."""
+        change = np.asarray(Z.T @ turned(force.reshape(-1, 3)))
+        return np.hstack([np.zeros_like(change), change])
+
+    if largest > 0:
+        free = Z @ (Z.T @ forces) / largest
+        rows += [(free @ bodies)[None], by_turning(free)]
+    if model.elements:
+        rows.append(Z.T @ (model.element_stiffness(x) @ bodies) / model.scale[1])
+    if G.shape[0]:
+        inside = model.gradient(x, parameter)
+        carried = np.concatenate([model.tensions(model.lengths(x)), rod_forces])
+        scale = float(np.abs(carried).max(initial=0.0)) + largest
+        held = inside + model.rod_pulls(x, rod_forces)
+        if scale > 0:
+            rows.append(by_turning((held - Z @ (Z.T @ held)) / scale))
+    _, singular, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    found = bodies @ right[singular < 1e-7].T
+    left, singular, _ = np.linalg.svd(found, full_matrices=False)
+    # Nodes on one line: turning about it moves none; nearly on one: as little as the bound above lets through.
+    return np.asarray(left[:, singular > 1e-6])
 
 
 def _same_kind(matrix: Matrix) -> Matrix:

@@ -20,11 +20,10 @@ from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figur
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.run_panels import draw_curves
 from tensegrity_mj.pictures.ticks import prefix_ticks
-from tensegrity_mj.statics.findings import judgement, reactions
+from tensegrity_mj.statics.findings import StaticResult, judgement, reactions
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path import Response
 from tensegrity_mj.statics.path_steps import Kind
-from tensegrity_mj.statics.result import StaticResult
 from tensegrity_mj.statics.state import StaticState
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rigidity import Members, members_at, nodal_forces
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.body_motions import lasting_motions
-from tensegrity_mj.statics.boundary import Boundary
+from tensegrity_mj.statics.boundary import Boundary, lasting_motions
 from tensegrity_mj.statics.stress_signs import FAR, Flags, solved_program
 
 RANK = 1e-9  # of the largest singular value, as in `self_stress`

@@ -24,16 +24,15 @@ from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.runs.recorded import labels_of
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import boundary, equilibrium, findings, lightest
-from tensegrity_mj.statics.balance import balance
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import balance, find_equilibrium
+from tensegrity_mj.statics.findings import Search as Search
+from tensegrity_mj.statics.findings import StaticResult
+from tensegrity_mj.statics.lightest import Material, Sizing
 from tensegrity_mj.statics.listing import counted
 from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
 from tensegrity_mj.statics.modes import natural_modes
 from tensegrity_mj.statics.path import Response, follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
-from tensegrity_mj.statics.result import Search as Search
-from tensegrity_mj.statics.result import StaticResult
-from tensegrity_mj.statics.sizing import Material, Sizing
 from tensegrity_mj.statics.state import StaticState, require_rigid_and_free
 from tensegrity_mj.statics.strength import TrajectoryCheck, check_state, check_trajectory
 

@@ -11,7 +11,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.fish_farm import fish_net, moored_chain
 from tensegrity_mj.model.elements.water import water_forces
-from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
 
 G, RHO = 9.81, 1025.0

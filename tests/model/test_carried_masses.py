@@ -22,9 +22,8 @@ from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.statics import find_equilibrium, natural_modes
-from tensegrity_mj.statics.lightest import minimal_mass
+from tensegrity_mj.statics.lightest import STEEL, minimal_mass
 from tensegrity_mj.statics.modes import mass_matrix
-from tensegrity_mj.statics.sizing import STEEL
 from tensegrity_mj.studies.sweep import Sweep, drafted
 
 MASS, LENGTH = 0.7, 1.3

@@ -10,7 +10,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.exchange import import_scene
 from tensegrity_mj.model.plausibility import hardly_possible, warnings_of
 from tensegrity_mj.model.section import Section
-from tensegrity_mj.statics.sizing import ALUMINIUM, STEEL
+from tensegrity_mj.statics.lightest import ALUMINIUM, STEEL
 
 LENGTH = 2.0
 PIPE = {"area": 1.85e-3, "second_moment": 2.1e-6, "elasticity_modulus": 210e9, "yield_stress": 355e6}

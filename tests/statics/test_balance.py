@@ -20,8 +20,7 @@ from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.sources import scene_names
-from tensegrity_mj.statics.balance import Balance, balance, unheld_gravity
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import Balance, balance, find_equilibrium, unheld_gravity
 from tensegrity_mj.statics.model import Rods, StaticModel
 
 Array = NDArray[np.float64]

@@ -24,9 +24,8 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import boundary
-from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import balance, find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.path import End, Path, Response, follow
 from tensegrity_mj.statics.path_steps import Kind, Walk

@@ -21,9 +21,8 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.least_mass import Problem, Search
-from tensegrity_mj.statics.lightest import minimal_mass
+from tensegrity_mj.statics.lightest import ALUMINIUM, STEEL, UHMWPE, Governs, Material, Sizing, minimal_mass
 from tensegrity_mj.statics.model import Rods, StaticModel
-from tensegrity_mj.statics.sizing import ALUMINIUM, STEEL, UHMWPE, Governs, Material, Sizing
 from tensegrity_mj.statics.strength import Criterion, check_members
 
 Array = NDArray[np.float64]

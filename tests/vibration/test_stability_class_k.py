@@ -37,7 +37,7 @@ from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.motion import Harmonic
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.rods import lumped_masses, string_forces
-from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.stability.cases import joined_points, joined_scene, scene_at_rest
 from tensegrity_mj.studies.stability.study import at_rest

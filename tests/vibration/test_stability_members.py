@@ -13,7 +13,7 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.pictures.findings import Mark
-from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
 from tensegrity_mj.studies.stability.page import describe, judgement_of

@@ -22,9 +22,8 @@ from tensegrity_mj.library.thesis_towers import APPENDIX_STAGES, appendix_beam, 
 from tensegrity_mj.library.tower import base_nodes, form_find, middle_nodes, top_nodes, tower_length
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.equilibrium import balance, find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.path import Path, follow
 from tensegrity_mj.statics.path_steps import Kind

@@ -18,7 +18,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.reading import structure_from_toml
 from tensegrity_mj.model.text.writing import structure_to_toml
-from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.self_stress import prestress
 from tensegrity_mj.vibration.bodies import Bodies
