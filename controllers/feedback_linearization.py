@@ -245,7 +245,7 @@ class FeedbackLinearization(ModelLaw):
     damping: ArrayLike = 1.0
     allocation: Allocation = field(default_factory=Allocation)
 
-    arrays = "tensegrity_mj.engines.jax.linearizing_law:linearizing_law"
+    arrays = "tensegrity_mj.engines.jax.thesis_laws:linearizing_law"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -142,7 +142,7 @@ class QuadraticLaw(ModelLaw):
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
 
-    arrays = "tensegrity_mj.engines.jax.quadratic_law:quadratic_law"
+    arrays = "tensegrity_mj.engines.jax.thesis_laws:quadratic_law"
 
     def __post_init__(self) -> None:
         super().__post_init__()

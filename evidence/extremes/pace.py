@@ -16,7 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.rods import Bars
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.string_paths import Paths
+from tensegrity_mj.model.strings import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.blocks import spring_blocks
 from tensegrity_mj.vibration.bodies import Bodies, motion_of_bodies

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
-    from tensegrity_mj.exchange.draft import ImportOptions as ImportOptions
     from tensegrity_mj.exchange.importing import FORMATS as FORMATS
     from tensegrity_mj.exchange.importing import Imported as Imported
+    from tensegrity_mj.exchange.importing import ImportOptions as ImportOptions
     from tensegrity_mj.exchange.importing import import_scene as import_scene
     from tensegrity_mj.exchange.matlab_file import save_mat as save_mat
     from tensegrity_mj.exchange.menagerie import save_menagerie as save_menagerie

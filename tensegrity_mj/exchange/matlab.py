@@ -25,7 +25,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.exchange.draft import ALL, AXES, Draft, ImportOptions, unit_of
+from tensegrity_mj.exchange.importing import ALL, AXES, Draft, ImportOptions, unit_of
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, String

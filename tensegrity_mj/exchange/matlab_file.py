@@ -21,7 +21,7 @@ from tensegrity_mj.basics import matfile
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import checked, content_of, replacing
 from tensegrity_mj.errors import FormatError, StructureError, printable
-from tensegrity_mj.exchange.draft import AXES, Draft, ImportOptions, held_axes
+from tensegrity_mj.exchange.importing import AXES, Draft, ImportOptions, held_axes
 from tensegrity_mj.exchange.matlab import Variables, draft_of
 from tensegrity_mj.exchange.tables import left_out
 from tensegrity_mj.model.rods import own_masses

@@ -20,7 +20,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import content_of
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.errors import FormatError, printable
-from tensegrity_mj.exchange.draft import Draft, ImportOptions
+from tensegrity_mj.exchange.importing import Draft, ImportOptions
 from tensegrity_mj.exchange.matlab import Variables, draft_of
 
 MOST_BYTES = 1_000_000

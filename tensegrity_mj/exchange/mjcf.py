@@ -18,7 +18,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.exchange.draft import ALL, Draft, ImportOptions
+from tensegrity_mj.exchange.importing import ALL, Draft, ImportOptions
 from tensegrity_mj.exchange.mjcf_text import compiled
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.members import Rod, RodMass, String, Support, null_space_basis

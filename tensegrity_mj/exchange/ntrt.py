@@ -25,7 +25,7 @@ from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.files import content_of, table_beside
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.exchange.draft import Draft, ImportOptions
+from tensegrity_mj.exchange.importing import Draft, ImportOptions
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure_checks import names_of
 from tensegrity_mj.model.text.codec import Table, shown

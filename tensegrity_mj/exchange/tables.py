@@ -19,7 +19,7 @@ from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.files import content_of, replacing
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.exchange.draft import AXES, Draft, ImportOptions, held_axes
+from tensegrity_mj.exchange.importing import AXES, Draft, ImportOptions, held_axes
 from tensegrity_mj.model.members import PRESTRESS, Rod, String
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section

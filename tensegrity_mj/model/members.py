@@ -189,7 +189,7 @@ class String:
     it has a mass.
 
     `nodes` are those of its path, in order. It slides through those between its ends without friction, as over pulleys
-    of no size: it has one rest length, one tension, and the length of all its segments together (`string_paths`).
+    of no size: it has one rest length, one tension, and the length of all its segments together (`strings.Paths`).
 
     It is linear, T = k s of its stretch s = L - L0, or has a tension `curve`: points (s, T) [m], [N] of a polygon that
     begins at (0, 0) and goes on with its last slope; k is then the first one. It may stiffen, give way or stay level,

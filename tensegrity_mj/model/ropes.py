@@ -21,8 +21,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import PRESTRESS, PointMass, Rod, String, Vector, unit_rows
+from tensegrity_mj.model.strings import TensionCurves
 from tensegrity_mj.model.structure_checks import check_ends, check_lengths, check_prestress
-from tensegrity_mj.model.tension_curves import TensionCurves
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.structure import Structure

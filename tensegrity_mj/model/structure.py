@@ -26,9 +26,8 @@ from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, StringLaw, Support, Vector, lumps_of
 from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
-from tensegrity_mj.model.string_paths import Paths
+from tensegrity_mj.model.strings import Paths, TensionCurves
 from tensegrity_mj.model.structure_checks import check_structure, check_two_nodes
-from tensegrity_mj.model.tension_curves import TensionCurves
 
 T = TypeVar("T", bound=NDArray[Any])
 

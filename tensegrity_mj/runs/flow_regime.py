@@ -1,8 +1,8 @@
-"""Reynolds and Keulegan-Carpenter numbers of a run in water, against the ranges that §7.2.2 assumes.
+"""Loads of water along a run, and its Reynolds and Keulegan-Carpenter numbers, against the ranges of §7.2.2.
 
-Both are of the largest speed across a rod, over the recorded times and the wet parts of its segments, of the water as
-the moving rod meets it: that is what its drag and its added mass depend on. The speed of the undisturbed water, which
-is that of a structure that is held, gives the other pair.
+Both numbers are of the largest speed across a rod, over the recorded times and the wet parts of its segments, of the
+water as the moving rod meets it: that is what its drag and its added mass depend on. The speed of the undisturbed
+water, which is that of a structure that is held, gives the other pair.
 
     Rn = u d / ν        C_d = 1.2 and the like are those of subcritical flow, Rn <= 2e5
     KC = u T / d        T the period of the component with the fastest orbits where the rod is, that of the peak in an
@@ -16,13 +16,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.water import samples_at_once, sea_of, segments_of
+from tensegrity_mj.model.elements.water import rod_loads, samples_at_once, sea_of, segments_of, string_loads
 from tensegrity_mj.model.elements.waves import AboveLevel
 from tensegrity_mj.model.rods import diameters
-from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.recorded import RecordedRun
 
 LARGEST_REYNOLDS = 2e5
 KEULEGAN_CARPENTER = (15.0, 45.0)
@@ -57,7 +60,7 @@ class FlowNumbers:
         }
 
 
-def flow_numbers(run: Trajectory) -> FlowNumbers:
+def flow_numbers(run: RecordedRun) -> FlowNumbers:
     """The numbers of a run.
 
     Raises:
@@ -89,7 +92,7 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     return FlowNumbers(*numbers[0], *numbers[1], _notes(run, *numbers[0]))
 
 
-def _notes(run: Trajectory, reynolds: Array, keulegan_carpenter: Array) -> tuple[str, ...]:
+def _notes(run: RecordedRun, reynolds: Array, keulegan_carpenter: Array) -> tuple[str, ...]:
     names, notes = [rod.name for rod in run.scene.structure.rods], _beyond_linear_theory(run)
     fast = reynolds > LARGEST_REYNOLDS
     if fast.any():
@@ -108,7 +111,7 @@ def _notes(run: Trajectory, reynolds: Array, keulegan_carpenter: Array) -> tuple
     return tuple(notes)
 
 
-def _beyond_linear_theory(run: Trajectory) -> list[str]:
+def _beyond_linear_theory(run: RecordedRun) -> list[str]:
     sea, notes = sea_of(run.scene), []
     steepness = sea.number * sea.amplitude
     if np.any(steepness > STEEPEST):
@@ -143,7 +146,7 @@ def _beyond_linear_theory(run: Trajectory) -> list[str]:
     return notes
 
 
-def _component(run: Trajectory, number: int) -> str:
+def _component(run: RecordedRun, number: int) -> str:
     """Name of a component of the water in messages."""
     assert run.scene.water is not None
     own = len(run.scene.water.waves)
@@ -152,3 +155,59 @@ def _component(run: Trajectory, number: int) -> str:
 
 def _of(chosen: NDArray[np.bool_]) -> str:
     return f"{int(chosen.sum())} of {len(chosen)} rods"
+
+
+# What a scene in water lacks whose members of a kind have no loads.
+ABSENT = {"rod": "rods", "string": "string_diameter in its water, by which strings take drag"}
+
+
+def loaded_by_water(scene: Scene) -> tuple[str, ...]:
+    """The kinds of members that the water of a scene loads: "rod", "string", both, or none without water."""
+    return () if scene.water is None else scene.water_segments.kinds
+
+
+def water_loads(run: RecordedRun, of: str = "rod") -> Array:
+    """The force [N] of the water on each rod (T, R, 3), or on each string (T, M, 3), in the world frame.
+
+    Morison's loads at the recorded states, added mass included. Drag, inertia of the water and buoyancy follow from
+    recorded positions and velocities exactly. Added mass answers the rods' accelerations, which are the slopes of the
+    cubic spline through the recorded velocities: off by about h³/24 of their third derivative between samples h apart,
+    and more at the ends of the run. Strings take drag alone.
+
+    Raises:
+        OptionError: where the scene has no water, no rods, or no string_diameter that strings take drag by; where the
+            run has fewer than the two samples that accelerations of rods need.
+    """
+    scene = run.scene
+    check_known("water_loads", of, ABSENT, "kind of member")
+    if of not in loaded_by_water(scene):
+        raise OptionError(f"water_loads: scene '{scene.name}' has no {ABSENT[of] if scene.water else 'water'}")
+    return _on_rods(run) if of == "rod" else _on_strings(run)
+
+
+def _on_strings(run: RecordedRun) -> Array:
+    """Loads (T, M, 3) [N] on strings."""
+    scene, paths = run.scene, run.scene.structure.paths
+    found, piece = np.zeros((len(run.time), len(paths.ranges), 3)), samples_at_once(scene)
+    for first in range(0, len(run.time), piece):
+        rows = slice(first, first + piece)
+        loads = string_loads(scene, run.time[rows], run.nodes[rows], run.velocities[rows])
+        found[rows] = paths.total(loads.sum(axis=-2), axis=-2)
+    return found
+
+
+def _on_rods(run: RecordedRun) -> Array:
+    """Loads (T, R, 3) [N] on rods."""
+    if len(run.time) < 2:
+        raise OptionError(f"water_loads: the run has {len(run.time)} samples; two are needed for accelerations")
+    scene, structure = run.scene, run.scene.structure
+    ends = CubicSpline(run.time, run.velocities).derivative()(run.time)[:, structure.rod_nodes]
+    span = np.diff(run.nodes[:, structure.rod_nodes], axis=2)
+    axes = span / np.linalg.norm(span, axis=-1, keepdims=True)
+    across = ends - np.sum(ends * axes, axis=-1, keepdims=True) * axes
+    found, piece = np.zeros_like(across[:, :, 0]), samples_at_once(scene)
+    for first in range(0, len(run.time), piece):
+        rows = slice(first, first + piece)
+        loads, alpha = rod_loads(scene, run.time[rows], run.nodes[rows], run.velocities[rows])
+        found[rows] = loads.sum(axis=-2) - np.einsum("trij,trjx->trx", alpha, across[rows])
+    return found

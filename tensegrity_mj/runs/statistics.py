@@ -23,8 +23,8 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.units import quantity as shown
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.flow_regime import water_loads
 from tensegrity_mj.runs.recorded import AXES, RecordedRun, labels_of
-from tensegrity_mj.runs.water_loads import water_loads
 
 OF_WATER = {"water_load": "rod", "string_water_load": "string"}
 UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s"} | dict.fromkeys(OF_WATER, "N")

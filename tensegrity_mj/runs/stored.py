@@ -25,10 +25,10 @@ from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs import recorded as known
 from tensegrity_mj.runs.end_state import parts_of
+from tensegrity_mj.runs.flow_regime import loaded_by_water
+from tensegrity_mj.runs.flow_regime import water_loads as loads_of_water
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
 from tensegrity_mj.runs.recorded import RecordedRun
-from tensegrity_mj.runs.water_loads import loaded_by_water
-from tensegrity_mj.runs.water_loads import water_loads as loads_of_water
 
 if TYPE_CHECKING:
     import pandas

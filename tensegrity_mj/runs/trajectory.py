@@ -53,8 +53,8 @@ class Trajectory(RecordedRun):
         return f"<table>{cells}</table>{shown}"
 
     def water_loads(self, of: str = "rod") -> Array:
-        """The force of the water on each "rod" (T, R, 3), or "string" (T, M, 3) [N]; see `runs.water_loads`."""
-        from tensegrity_mj.runs.water_loads import water_loads
+        """The force of the water on each "rod" (T, R, 3), or "string" (T, M, 3) [N]; see `flow_regime.water_loads`."""
+        from tensegrity_mj.runs.flow_regime import water_loads
 
         return water_loads(self, of)
 

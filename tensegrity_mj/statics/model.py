@@ -31,8 +31,8 @@ from tensegrity_mj.model.redundancy import MOST_RODS
 from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import TensionCurves
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.tension_curves import TensionCurves
 from tensegrity_mj.statics.boundary import Boundary, Hold
 from tensegrity_mj.statics.stress_signs import strings_named
 

@@ -16,7 +16,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rigidity import Members, members_at, nodal_forces
-from tensegrity_mj.model.string_paths import Paths
+from tensegrity_mj.model.strings import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, lasting_motions
 from tensegrity_mj.statics.stress_signs import FAR, Flags, solved_program

@@ -29,8 +29,8 @@ from tensegrity_mj.basics.checks import finite, instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.plausibility import hardly_possible
 from tensegrity_mj.model.rods import ends
+from tensegrity_mj.model.section import hardly_possible
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.runs.trajectory import Trajectory

@@ -17,8 +17,8 @@ from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
-from tensegrity_mj.model.plausibility import warnings_of
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.section import warnings_of
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures.findings import Judgement
 from tensegrity_mj.runs.recorded import labels_of

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.model.string_paths import Paths
+from tensegrity_mj.model.strings import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 

@@ -24,7 +24,7 @@ from tensegrity_mj.controllers.allocation import least_norm as compiled_least_no
 from tensegrity_mj.dynamics.native.law import Command, Report  # noqa: E402
 from tensegrity_mj.dynamics.target import target_nodes  # noqa: E402
 from tensegrity_mj.engines.jax.laws import ArrayPolicy, array_law  # noqa: E402
-from tensegrity_mj.engines.jax.quadratic_law import least_norm, least_squares  # noqa: E402
+from tensegrity_mj.engines.jax.thesis_laws import least_norm, least_squares  # noqa: E402
 from tensegrity_mj.errors import OptionError  # noqa: E402
 from tensegrity_mj.model.target import chebyshev_points  # noqa: E402
 

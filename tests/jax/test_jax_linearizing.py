@@ -14,7 +14,7 @@ import tensegrity_mj as tmj  # noqa: E402
 from tensegrity_mj.controllers import Allocation, FeedbackLinearization, WhenInfeasible, from_scene  # noqa: E402
 from tensegrity_mj.dynamics.native.law import Report  # noqa: E402
 from tensegrity_mj.engines.jax.laws import array_law  # noqa: E402
-from tensegrity_mj.engines.jax.linearizing_law import least_cost  # noqa: E402
+from tensegrity_mj.engines.jax.thesis_laws import least_cost  # noqa: E402
 from tensegrity_mj.errors import InfeasibleError, OptionError  # noqa: E402
 
 ROWS, STRINGS, SUMS = 29, 30, 4

@@ -8,8 +8,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.exchange import import_scene
-from tensegrity_mj.model.plausibility import hardly_possible, warnings_of
-from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.section import Section, hardly_possible, warnings_of
 from tensegrity_mj.statics.lightest import ALUMINIUM, STEEL
 
 LENGTH = 2.0

@@ -15,7 +15,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import errors
 from tensegrity_mj.model import format_schema, rods
 from tensegrity_mj.model.rigidity import equilibrium_matrix, free_motions
-from tensegrity_mj.model.string_paths import Paths
+from tensegrity_mj.model.strings import Paths
 from tensegrity_mj.model.text.writing import scene_to_toml
 
 
