@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.simulation.ensemble import Ensemble as Ensemble
     from tensegrity_mj.simulation.ensemble import law_in as law_in
     from tensegrity_mj.simulation.ensemble import simulate_many as simulate_many
-    from tensegrity_mj.studies.attempt import WithFiles as WithFiles
     from tensegrity_mj.studies.identification.fitting import FitOptions as FitOptions
     from tensegrity_mj.studies.identification.measurements import measured as measured
     from tensegrity_mj.studies.identification.result import Identification as Identification
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.validation.study import Validation as Validation
     from tensegrity_mj.studies.validation.study import validate as validate
     from tensegrity_mj.studies.workers import Backend as Backend
+    from tensegrity_mj.studies.workers import WithFiles as WithFiles
     from tensegrity_mj.studies.workers import Workers as Workers
 else:
     __getattr__, __dir__ = face(__name__)

@@ -20,9 +20,8 @@ from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import ClusterError, OptionError
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies import store
-from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
-from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.studies.workers import DONE, Backend, Task, Workers
 
 Values = dict[str, Any]
 

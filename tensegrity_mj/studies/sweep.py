@@ -31,10 +31,10 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.judgement import doubts
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far
-from tensegrity_mj.studies import attempt, many, parameter_values, plain, scene_parameters, table
+from tensegrity_mj.studies import many, parameter_values, plain, scene_parameters, table
 from tensegrity_mj.studies.parameter_values import Axis, Choice, Draw, Together, Vary
 from tensegrity_mj.studies.parameters import Draft
-from tensegrity_mj.studies.workers import Workers, workers_for
+from tensegrity_mj.studies.workers import WithFiles, Workers, workers_for
 
 TRAJECTORY = "trajectory.nc"
 
@@ -203,7 +203,7 @@ class Sweep:
                 draft.make_actuation()
 
 
-def simulate_point(point: dict[str, Any]) -> dict[str, Any] | attempt.WithFiles:
+def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
     """The task of a sweep: simulate one point, and return its measures."""
     draft = drafted(point).apply(point["parameters"])
     scene = draft.plant or draft.scene
@@ -216,7 +216,7 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | attempt.WithFiles:
         output_interval=draft.output_interval,
     )
     values = table.measure(run) | {"doubts": doubts(run, of_the_law=draft.plant is None)}
-    return attempt.WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
+    return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
 
 
 def drafted(common: Mapping[str, Any]) -> Draft:

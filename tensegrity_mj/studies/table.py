@@ -14,10 +14,10 @@ from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.runs.deformation import deformation, is_tower
 from tensegrity_mj.runs.judgement import doubts, in_short
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.parameter_values import Scaled, decoded
 from tensegrity_mj.studies.plain import value_at
+from tensegrity_mj.studies.workers import DONE
 
 
 class Measure(NamedTuple):

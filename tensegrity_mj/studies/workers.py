@@ -1,19 +1,21 @@
 """Workers that compute the points of a study: local processes by joblib, a Dask cluster, or this process.
 
-A point whose worker dies is computed again alone, and is then given up. A cluster that has lost its scheduler, or all
-of its workers, is an error.
+What a task raises is data, too. A point whose worker dies is computed again alone, and is then given up. A cluster that
+has lost its scheduler, or all of its workers, is an error.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import enum
 import os
 import queue
+import signal
 import sys
 import threading
 import time
-import warnings
+import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import CancelledError
 from functools import partial
@@ -22,19 +24,76 @@ from typing import Any
 from tensegrity_mj.basics.checks import instance, warn_caller
 from tensegrity_mj.basics.dependencies import of_extra, optional
 from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.basics.kinds import choice, text, whole
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.specs import is_here
 from tensegrity_mj.errors import ClusterError, OptionError, TensegrityError
-from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
+from tensegrity_mj.studies.plain import plain
 
 FEEDER_WAIT = 1.0  # s
+IDLE_TIMEOUT = 300  # s that a process waits for more work
 # Of a cluster:
 CONNECT_TIMEOUT = 20  # s
 CLOSE_TIMEOUT = 10  # s
 LOOK_INTERVAL = 2  # s without a result, after which the cluster is looked at
 ANSWER_TIMEOUT = 30  # s for the scheduler to answer
 WORKER_TIMEOUT = 60  # s without any worker; one that died is often begun anew
+DONE, FAILED = "done", "failed"
+WATCH_INTERVAL = 0.25  # s between looks whether the parent still lives
+
+DIED = to_exact_json(
+    {
+        "status": FAILED,
+        "error": "WorkerDied",
+        "reason": "the process that computed this point died, and so did one that computed it alone: "
+        "for lack of memory, or by a crash in compiled code",
+    }
+)
+
+# Threads of one process take turns: an engine may hold what a process has only once (MuJoCo's control callback).
+_TURN = threading.Lock()
+
+
+@dataclasses.dataclass(frozen=True)
+class WithFiles:
+    """Result of a task that leaves files too: plain values, and the content of each file by its name.
+
+    The process that runs the study writes the files, so that workers need not share a file system with it.
+    """
+
+    values: Mapping[str, Any]
+    files: Mapping[str, bytes] = dataclasses.field(default_factory=dict)
+
+
+Task = Callable[[dict[str, Any]], Mapping[str, Any] | WithFiles]
+# key of the point, its outcome as exact JSON, the content of its files by name
+Answer = tuple[str, str, dict[str, bytes]]
+
+
+def attempt(task: Task, key: str, point: dict[str, Any]) -> Answer:
+    """Compute one point; an exception of the task becomes its outcome."""
+    try:
+        with _TURN:
+            result = task(point)
+        values, files = (result.values, dict(result.files)) if isinstance(result, WithFiles) else (result, {})
+        if not isinstance(values, Mapping):
+            raise OptionError(f"the task returned a {type(values).__name__}; it must return a dict of plain values")
+        values = plain(values, "the task's result")
+        return key, to_exact_json({"status": DONE, "values": values}), files
+    except (Exception, SystemExit) as error:
+        return key, to_exact_json(failure(error)), {}
+
+
+def failure(error: BaseException) -> dict[str, Any]:
+    """An exception as an outcome; with its traceback, unless it is an error that this package raises on purpose."""
+    name = type(error).__name__
+    outcome = {"status": FAILED, "error": name, "reason": str(error) or name}
+    if not isinstance(error, TensegrityError):
+        trace = error.__traceback__
+        below = trace.tb_next if trace is not None else None  # this module's own frame says nothing
+        outcome["traceback"] = "".join(traceback.format_exception(type(error), error, below))
+    return outcome
 
 
 class Backend(enum.Enum):
@@ -89,12 +148,12 @@ class Workers:
                 warn_caller(text, RuntimeWarning)
                 yield _here
             else:
-                yield partial(_processes, self.count or int(cpu_count()))
+                yield partial(_answers, partial(_Processes, self.count or int(cpu_count())), None)
         else:
             optional("distributed", "a cluster", of_extra("cluster"))
             with _connected(self.address, self.client) as client:
                 _check_import(client, task.__module__)
-                yield partial(_by_cluster, client, self.count)
+                yield partial(_answers, partial(_Cluster, client), self.count)
 
 
 # Answers of the points given by key, as they are ready; a generator, whose `close` stops the workers.
@@ -106,75 +165,172 @@ def _here(task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer,
         yield attempt(task, key, point)
 
 
-def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer, None, None]:
-    """Points in processes of this machine; one whose process dies is tried again alone, and is then given up."""
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    missing = dict(points)
-    while missing:
-        begun: list[str] = []
-        try:
-            with contextlib.closing(_run(count, task, missing, begun)) as results:
-                for answer in results:
-                    del missing[answer[0]]
-                    yield answer
-            return
-        except TerminatedWorkerError:
-            pass
-        # Any point in flight may have killed the worker: retry each alone to find out.
-        for key in [key for key in begun if key in missing]:
-            point = missing.pop(key)
-            try:
-                with contextlib.closing(_run(count, task, {key: point}, [])) as results:
-                    yield from results
-            except TerminatedWorkerError:
-                yield key, DIED, {}
-
-
-def _run(
-    count: int, task: Task, points: Mapping[str, dict[str, Any]], begun: list[str]
+def _answers(
+    make_pool: Callable[[], _Processes | _Cluster], count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
 ) -> Generator[Answer, None, None]:
-    """Answers of the points by joblib, one a job; `begun` gets the keys of those that were given out."""
-    from joblib import Parallel, delayed, parallel_config
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+    """Answers of the points as they are ready; a point whose worker dies is tried again alone, and is then given up.
 
-    def jobs() -> Iterator[Any]:
-        for key, point in list(points.items()):
-            begun.append(key)
-            yield delayed(attempt)(task, key, point)
+    So many at a time as the pool has places, where `count` does not say.
 
-    # joblib computes in this process where one worker is requested, and a crash would take it down: two processes
-    # then, of which one works at a time. One point a job, and none waiting in a worker's queue: what is lost by a
-    # crash is what was being computed.
-    begin = {"initializer": settle, "initargs": (os.getpid(), os.getcwd(), *sys.path)}
-    with parallel_config(backend="loky", inner_max_num_threads=1, **begin):
-        parallel = Parallel(
-            n_jobs=max(2, count),
-            pre_dispatch=count,
-            batch_size=1,
-            return_as="generator_unordered",
-            max_nbytes=None,
-        )
-    results, ended = None, False
-    try:
-        results = parallel(jobs())
-        # Not `yield from`: it would close the results before the warnings are silenced.
-        for answer in results:  # noqa: UP028
+    Raises:
+        ClusterError: if the scheduler does not answer any more, or has no workers.
+        OptionError: if the workers cannot compute the task.
+    """
+    pool, suspects = make_pool(), {}
+    # Any of the points in flight may have killed the worker: only trying each alone shows which.
+    for key, answer in _results(pool, count, task, points):
+        if answer is None:
+            suspects[key] = points[key]
+        else:
             yield answer
-        ended = True
-    except (TerminatedWorkerError, TensegrityError):
-        raise
-    except Exception as error:
-        raise unable(task, error) from error
+    for key, answer in _results(pool, 1, task, suspects):
+        yield answer or (key, DIED, {})
+
+
+def _results(
+    pool: _Processes | _Cluster, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
+) -> Generator[tuple[str, Answer | None], None, None]:
+    """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    left, running = iter(points.items()), dict[int, tuple[str, Any]]()
+    try:
+        while True:
+            while len(running) < (count or pool.places) and (following := next(left, None)) is not None:
+                key, point = following
+                future = pool.submit(attempt, task, key, point)
+                running[id(future)] = key, future
+                future.add_done_callback(ended.put)
+            if not running:
+                return
+            try:
+                future = ended.get(timeout=LOOK_INTERVAL)
+            except queue.Empty:
+                pool.look()
+                continue
+            answer = _result(pool, future, task)
+            key, _ = running.pop(id(future))
+            yield key, answer
     finally:
-        if results is not None:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that work was cancelled is what was wanted
-                results.close()
+        pool.give_up([future for _, future in running.values()])
+
+
+def _result(pool: _Processes | _Cluster, future: Any, task: Task) -> Answer | None:
+    while True:
+        try:
+            answer: Answer = future.result(timeout=LOOK_INTERVAL)
+            return answer
+        except TimeoutError:  # the worker that has it may be lost: Dask computes it again
+            pool.look()
+        except pool.died:
+            return None
+        except CancelledError as error:
+            raise _lost(str(error)) from error
+        except TensegrityError:
+            raise
+        except Exception as error:
+            raise OptionError(
+                f"the workers cannot compute '{task.__name__}' ({type(error).__name__}: {error}); its module "
+                f"'{task.__module__}' and tensegrity_mj must be installed where they run"
+            ) from error
+
+
+class _Processes:
+    """Processes of this machine, of one thread each; they wait a while for more work of the same place."""
+
+    def __init__(self, places: int) -> None:
+        from joblib.externals.loky.process_executor import TerminatedWorkerError
+        from joblib.parallel import ParallelBackendBase
+
+        self.places, self.died = places, TerminatedWorkerError
+        own = dict.fromkeys(ParallelBackendBase.MAX_NUM_THREADS_VARS, "1")
+        begin = {"initializer": settle, "initargs": (os.getpid(), os.getcwd(), *sys.path)}
+        self._begin: dict[str, Any] = {"max_workers": places, "timeout": IDLE_TIMEOUT, "env": own, **begin}
+
+    def submit(self, *call: Any) -> Any:
+        """Submit a call; returns its future."""
+        while True:
+            with contextlib.suppress(self.died):  # a process that died in this very moment: the next ones are new
+                return self._executor().submit(*call)
+
+    def look(self) -> None:
+        """Look at nothing: a process that dies says so."""
+
+    def give_up(self, futures: list[Any]) -> None:
+        """Stop the processes where something is left that is not wanted any more."""
+        if futures:
+            self._executor().shutdown(kill_workers=True)
             # The feeder of a stopped queue cleans up its semaphore; a process that ends meanwhile prints a warning.
-            for thread in () if ended else threading.enumerate():
+            for thread in threading.enumerate():
                 if thread.name == "QueueFeederThread":
                     thread.join(FEEDER_WAIT)
+
+    def _executor(self) -> Any:
+        from joblib.externals.loky import get_reusable_executor
+
+        return get_reusable_executor(**self._begin)
+
+
+class _Cluster:
+    """A cluster that is looked at while nothing comes from it.
+
+    Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it.
+    """
+
+    def __init__(self, client: Any) -> None:
+        from distributed import KilledWorker
+
+        self.client, self.died, self.places = client, KilledWorker, 1
+        self.seen = time.monotonic()
+        self.look()
+
+    def submit(self, *call: Any) -> Any:
+        """Submit a call; returns its future."""
+        return self.client.submit(*call, pure=False)
+
+    def look(self) -> None:
+        """Count the threads of all workers.
+
+        Raises:
+            ClusterError: if the scheduler does not answer, or has had no workers for a while.
+        """
+        if self.client.status != "running":
+            raise _lost(f"its connection is {self.client.status}")
+        try:
+            workers = self.client.nthreads(callback_timeout=ANSWER_TIMEOUT)
+        except Exception as error:  # any error that a broken connection raises
+            raise _lost(f"{type(error).__name__}: {error}") from error
+        if workers:
+            self.places, self.seen = max(1, sum(workers.values())), time.monotonic()
+        elif time.monotonic() - self.seen > WORKER_TIMEOUT:
+            raise ClusterError(
+                f"workers: the cluster has had no worker for {WORKER_TIMEOUT:.0f} s; start some with `dask worker`"
+            )
+
+    def give_up(self, futures: list[Any]) -> None:
+        """Let go of what is not wanted any more."""
+        for future in futures:
+            future.release()
+
+
+def _lost(reason: str) -> ClusterError:
+    return ClusterError(f"workers: the scheduler of the cluster does not answer any more ({reason}); start it again")
+
+
+def settle(parent: int, *place: str) -> None:
+    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, for any reason.
+
+    `place`, the parent's folder and where it looks for modules, is for joblib alone: it gives work to workers that wait
+    for more where they have begun with the same arguments, and has new ones begin in the new place otherwise.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    # A parent that was killed cannot stop its children, and they would wait for work for minutes.
+    while os.getppid() == parent:
+        time.sleep(WATCH_INTERVAL)
+    os._exit(1)
 
 
 def workers_for(law: Spec | None, workers: Workers | None) -> Workers:
@@ -230,106 +386,3 @@ def _check_import(client: Any, module: str) -> None:
                 f"workers: the cluster cannot import '{name}' ({type(error).__name__}: {error}); install it where its "
                 "workers run, in the version used here"
             ) from error
-
-
-def _by_cluster(
-    client: Any, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
-) -> Generator[Answer, None, None]:
-    """Answers of the points as they are ready; a point whose worker dies is tried again alone, and is then given up.
-
-    Args:
-        client: a `dask.distributed.Client`.
-        count: how many points at a time; by default all threads of all workers.
-        task, points: as in `run_many`, points by key.
-
-    Raises:
-        ClusterError: if the scheduler does not answer any more, or has no workers.
-        OptionError: if the workers cannot compute the task.
-    """
-    watched = _Cluster(client)
-    suspects = {}
-    # Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it; which
-    # of those under way there did it, only trying each alone shows.
-    for key, answer in watched.results(count, task, points):
-        if answer is None:
-            suspects[key] = points[key]
-        else:
-            yield answer
-    for key, answer in watched.results(1, task, suspects):
-        yield answer or (key, DIED, {})
-
-
-class _Cluster:
-    """A cluster that is looked at while nothing comes from it."""
-
-    def __init__(self, client: Any) -> None:
-        self.client = client
-        self.threads = 1
-        self.seen = time.monotonic()
-        self.look()
-
-    def look(self) -> None:
-        """Count the threads of all workers.
-
-        Raises:
-            ClusterError: if the scheduler does not answer, or has had no workers for a while.
-        """
-        if self.client.status != "running":
-            raise _lost(f"its connection is {self.client.status}")
-        try:
-            workers = self.client.nthreads(callback_timeout=ANSWER_TIMEOUT)
-        except Exception as error:  # any error that a broken connection raises
-            raise _lost(f"{type(error).__name__}: {error}") from error
-        if workers:
-            self.threads, self.seen = max(1, sum(workers.values())), time.monotonic()
-        elif time.monotonic() - self.seen > WORKER_TIMEOUT:
-            raise ClusterError(
-                f"workers: the cluster has had no worker for {WORKER_TIMEOUT:.0f} s; start some with `dask worker`"
-            )
-
-    def results(
-        self, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
-    ) -> Generator[tuple[str, Answer | None], None, None]:
-        """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""
-        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        left, running = iter(points.items()), dict[str, tuple[str, Any]]()
-        try:
-            while True:
-                while len(running) < (count or self.threads) and (following := next(left, None)) is not None:
-                    key, point = following
-                    future = self.client.submit(attempt, task, key, point, pure=False)
-                    running[future.key] = key, future
-                    future.add_done_callback(ended.put)
-                if not running:
-                    return
-                try:
-                    future = ended.get(timeout=LOOK_INTERVAL)
-                except queue.Empty:
-                    self.look()
-                    continue
-                answer = self._result(future, task)
-                key, _ = running.pop(future.key)
-                yield key, answer
-        finally:
-            for _, future in running.values():
-                future.release()
-
-    def _result(self, future: Any, task: Task) -> Answer | None:
-        from distributed import KilledWorker
-
-        while True:
-            try:
-                answer: Answer = future.result(timeout=LOOK_INTERVAL)
-                return answer
-            except TimeoutError:  # the worker that has it may be lost: Dask computes it again
-                self.look()
-            except KilledWorker:
-                return None
-            except CancelledError as error:
-                raise _lost(str(error)) from error
-            except Exception as error:
-                raise unable(task, error) from error
-
-
-def _lost(reason: str) -> ClusterError:
-    return ClusterError(f"workers: the scheduler of the cluster does not answer any more ({reason}); start it again")

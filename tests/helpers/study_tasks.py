@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import InfeasibleError
-from tensegrity_mj.studies.attempt import WithFiles
+from tensegrity_mj.studies.workers import WithFiles
 
 
 def noted(point: dict[str, Any]) -> dict[str, Any]:

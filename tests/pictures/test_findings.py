@@ -14,7 +14,7 @@ from tensegrity_mj.statics.study import analyse
 from tensegrity_mj.studies.page import _findings
 from tensegrity_mj.studies.table import Row
 from tensegrity_mj.studies.validation import judging
-from tensegrity_mj.studies.validation import page as validation_page
+from tensegrity_mj.studies.validation import study as validation_page
 
 
 @pytest.mark.parametrize(("good", "total", "mark"), [(3, 3, "good"), (1, 3, "limited"), (0, 3, "bad")])

@@ -168,7 +168,7 @@ def test_troubles_are_data_and_the_result_is_the_same_on_a_cluster(tmp_path: Pat
     assert b"Traceback" not in results.pop()
     trace = next(outcome for _, outcome in records(tmp_path / "client") if outcome.get("error") == "ZeroDivisionError")
     assert "in troubled" in trace["traceback"]
-    assert "attempt.py" not in trace["traceback"]
+    assert "workers.py" not in trace["traceback"]
 
 
 @pytest.fixture

@@ -17,11 +17,11 @@ from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.validation import judging
 from tensegrity_mj.studies.validation.judging import OUTCOMES, Data, summary, title
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
+from tensegrity_mj.studies.workers import DONE
 
 SAME = 1e-9  # part of the structure's size: nodes that are not farther apart are at the same place
 TREND = 0.01  # part by which a quantity must change to have a trend
