@@ -50,7 +50,6 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(found: runs.Clearance) -> str:
-    """Text of a clearance."""
     moving = found.samples > 1
     rows = [("scene", found.name)]
     if moving:

@@ -108,7 +108,6 @@ def execute(options: argparse.Namespace) -> common.Outcome:
 
 
 def describe(data: dict[str, Any]) -> str:
-    """Text of the comparison."""
     rows = [
         ("status", data["status"].value + (f": {data['message']}" if data["message"] else "")),
         ("first", data["first"]),
@@ -200,7 +199,6 @@ def _scored(options: argparse.Namespace) -> common.Outcome:
 
 
 def _engines(options: argparse.Namespace) -> tuple[str, str]:
-    """The names of the two engines."""
     first = options.engine or "mujoco"
     second = options.reference or ("ode" if first == "dae" else "dae")
     if first == second:

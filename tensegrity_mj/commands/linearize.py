@@ -53,7 +53,6 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(model: Linearization) -> str:
-    """Text of the model."""
     largest = float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
     rows = [
         ("engine", model.engine),

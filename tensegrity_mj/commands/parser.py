@@ -149,7 +149,6 @@ class Parser(argparse.ArgumentParser):
 
 
 def build(groups: Groups, description: str, epilog: str) -> Parser:
-    """The parser of all commands, by groups."""
     parser = Parser(prog=PROGRAM, description=description, epilog=f"{epilog}\n\n{common.EXIT_CODES}")
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     _add_commands(parser, {name: module for group in groups.values() for name, module in group.items()})

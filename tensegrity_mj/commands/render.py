@@ -29,7 +29,6 @@ def film_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Draw the video."""
     out = checked(options.out, (*FILMS, ".html") if options.still is None else (".png",), "--out")
     if len(options.runs) > 2:
         raise OptionError(f"render {' '.join(options.runs)}: give one or two files, not {len(options.runs)}")

@@ -185,7 +185,6 @@ def statics(scene: model.Scene) -> dict[str, Any]:
 
 
 def support_text(rod: model.Rod) -> str:
-    """A support in words."""
     rows = len(rod.support.directions)
     kind = {0: "free", 3: "pinned"}.get(rows, f"held in {rows} direction{'s' if rows > 1 else ''}")
     where = "" if rows == 0 else f" at σ = {rod.support.sigma:g}"
@@ -193,7 +192,6 @@ def support_text(rod: model.Rod) -> str:
 
 
 def motion_text(motion: model.Motion) -> str:
-    """Text of a support's motion."""
     if motion.function is not None:
         return "a function of time"
     parts = [

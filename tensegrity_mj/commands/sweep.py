@@ -67,7 +67,6 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str], measures: Sequence[str]) -> str:
-    """Text of the sweep."""
     from tensegrity_mj.studies.table import parameter_label, shown
 
     heads = ["", *map(parameter_label, parameters), "status", *(name.replace("_", " ") for name in measures)]

@@ -64,7 +64,6 @@ def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
 
 
 def _simulated(options: argparse.Namespace, scene: model.Scene) -> runs.Trajectory:
-    """A run of the scene in MuJoCo."""
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
     return experiment.simulated(options, scene, law, make_engine("mujoco", {}), actuation, options.duration)
 

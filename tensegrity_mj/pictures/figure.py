@@ -24,6 +24,8 @@ from tensegrity_mj.pictures import palette
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+else:
+    Axes = Figure = Any  # in annotations of all that draw, which need no matplotlib
 
 PathLike = str | os.PathLike[str]
 

@@ -15,22 +15,19 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.pictures.figure import print_png
+from tensegrity_mj.pictures.figure import Figure, print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.one_prefix import one_prefix
 from tensegrity_mj.runs.comparison import DIFFERENCES, Comparison
 from tensegrity_mj.runs.judgement import doubts, verdict
 from tensegrity_mj.runs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -335,7 +332,6 @@ def data_url(kind: str, data: bytes) -> str:
 
 
 def table_of(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table in HTML."""
     head = "".join(f"<th>{escape(column)}</th>" for column in columns) if any(columns) else ""
     lines = [f"<thead><tr>{head}</tr></thead>"] if head else []
     for row in rows:

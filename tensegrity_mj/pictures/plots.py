@@ -24,7 +24,7 @@ from tensegrity_mj.model.rods import directions, rod_number, support_points
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import figure as figures
 from tensegrity_mj.pictures import palette, run_panels
-from tensegrity_mj.pictures.figure import PathLike
+from tensegrity_mj.pictures.figure import Axes, Figure, PathLike
 from tensegrity_mj.pictures.figure import paper as paper
 from tensegrity_mj.pictures.figure import save_figure as save_figure
 from tensegrity_mj.pictures.motion import supported_points
@@ -32,9 +32,6 @@ from tensegrity_mj.runs.comparison import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from tensegrity_mj.controllers.landscape import Landscape
     from tensegrity_mj.controllers.lyapunov import Lyapunov
     from tensegrity_mj.controllers.projection import Projection

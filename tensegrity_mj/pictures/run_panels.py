@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,11 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.pictures import figure as figures
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, ROW, frame, new_figure, note, panels_in_a_row
+from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, ROW, Axes, Figure, frame, note
 from tensegrity_mj.pictures.motion import down_of
 from tensegrity_mj.runs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 Group = tuple[str, NDArray[np.int64]]  # a label, and the rows of its members
 WIDTH = 1.2  # points
@@ -130,7 +126,6 @@ def over_time(panel: Axes, title: str, unit: str) -> None:
 
 
 def controls(panel: Axes, run: Trajectory) -> None:
-    """u of the strings."""
     strings = run.scene.structure.strings
     names = [string.name for string in strings]
     draw_curves(panel, run.time, run.force_densities, names)
@@ -239,11 +234,11 @@ def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:
 
 def rows_of_panels(runs: Sequence[Trajectory], count: int = 3) -> tuple[Figure, Any]:
     """Three panels in a row for each run, or four in two; in a paper's column all below one another."""
-    columns = panels_in_a_row(2 if count == 4 else 3)
+    columns = figures.panels_in_a_row(2 if count == 4 else 3)
     lines = count // columns
     # A legend below a panel takes about a quarter of its height; several above one another are flatter.
     tall = 1.25 * ROW if lines == 1 else lines * (0.85 if columns == 1 else 1.1) * ROW
-    figure = new_figure(columns * COLUMN, (tall + 0.45) * len(runs) + 0.45)
+    figure = figures.new_figure(columns * COLUMN, (tall + 0.45) * len(runs) + 0.45)
     rows = np.atleast_1d(np.asarray(figure.subfigures(len(runs), 1), dtype=object))
     panels = [row.subplots(lines, columns).ravel() for row in rows]
     for row, run in zip(rows, runs, strict=True):

@@ -5,14 +5,12 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, NullLocator, ScalarFormatter
 
 from tensegrity_mj.basics.units import power_of, unit_with
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MOST_DECADES = 4
 

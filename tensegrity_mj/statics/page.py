@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, frame, grid_of_panels, new_figure, note
+from tensegrity_mj.pictures.figure import GREY, Axes, Figure, frame, grid_of_panels, new_figure, note
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.pictures.run_panels import draw_curves
 from tensegrity_mj.pictures.ticks import prefix_ticks
@@ -25,11 +25,6 @@ from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path import Response
 from tensegrity_mj.statics.path_steps import Kind
 from tensegrity_mj.statics.state import StaticState
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 USES = {"member": "member", "criterion": "criterion", "force": "force [N]", "limit": "limit [N]"}  # heads of a `Use`
 USES |= {"utilisation": "utilisation", "time": "time [s]"}

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, frame, line_style, new_figure
+from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, Axes, Figure, frame, line_style, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.studies import table
@@ -22,10 +22,6 @@ from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.table import counts
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MOST_ROWS = 1000
 LONG = 12  # rows beyond which the table is folded

@@ -40,7 +40,6 @@ class Scaled:
         return f"*{self.factor!r}"
 
     def of(self, now: float) -> float:
-        """Return a value, scaled."""
         return now * self.factor
 
 
@@ -291,7 +290,6 @@ class Uniform:
             raise refused(self, f"low = {self.low:g} is above high = {self.high:g}; give the lower one first")
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """Draw one value."""
         return float(generator.uniform(self.low, self.high))
 
 
@@ -303,7 +301,6 @@ class LogUniform(Uniform):
     high: float = field(kinds.positive())
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """Draw one value."""
         value = math.exp(generator.uniform(math.log(self.low), math.log(self.high)))
         return min(max(value, self.low), self.high)
 
@@ -316,7 +313,6 @@ class Normal:
     deviation: float = field(kinds.positive())
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """Draw one value."""
         return float(generator.normal(self.mean, self.deviation))
 
 
@@ -327,7 +323,6 @@ class Choice:
     values: Sequence[Any] = field(Kind(_values))
 
     def sample(self, generator: np.random.Generator) -> Any:
-        """Draw one value."""
         return self.values[int(generator.integers(len(self.values)))]
 
 

@@ -98,7 +98,6 @@ class Draft:
         return self.law_spec or spec_of(SCENE_LAW, self.scene)
 
     def make_engine(self) -> Any:
-        """The engine."""
         usual = engine_class(self.engine)()
         options = {
             name: scaled(f"engine.{name}", value, getattr(usual, name))
@@ -109,7 +108,6 @@ class Draft:
         return make_engine(self.engine, options)
 
     def make_actuation(self) -> Actuation:
-        """The actuation."""
         return Actuation(self.actuation, self.period)
 
 

@@ -218,7 +218,6 @@ def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: st
 
 
 def _node(scene: Scene, which: str | None, path: str) -> int:
-    """The row of the node that a path names."""
     names = scene.structure.node_names
     if which is None:
         raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")

@@ -237,7 +237,6 @@ def drafted(common: Mapping[str, Any]) -> Draft:
 
 
 def _content(run: Trajectory) -> bytes:
-    """The run as the bytes of its file."""
     with tempfile.TemporaryDirectory() as folder:
         return run.save(Path(folder) / TRAJECTORY).read_bytes()
 

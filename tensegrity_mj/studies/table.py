@@ -127,7 +127,6 @@ class Row:
 
 
 def rows_of(study: Study) -> list[Row]:
-    """The rows of a sweep's study."""
     rows = []
     for point, outcome in zip(study.points, study.outcomes, strict=True):
         if outcome["status"] == DONE:
@@ -162,7 +161,6 @@ def as_number(value: Any) -> float | None:
 
 
 def shown(value: Any) -> str:
-    """Return a value as text."""
     if isinstance(value, str) and value.startswith("*"):
         return f"×{as_number(value):.6g}"
     if isinstance(value, float):

@@ -233,7 +233,6 @@ class Differentiated(Predictions):
 
 
 def predictions_of(unknowns: Unknowns, observation: Observation, engine: Any, *how: Any) -> Predictions:
-    """Make the predictions of an engine, see `Predictions`."""
     kind = Differentiated if engine_settings(engine)[0] == "jax" else Predictions
     return kind(unknowns, observation, engine, *how)
 

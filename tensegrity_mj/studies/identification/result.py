@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tensegrity_mj.errors import printable
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, ROW, frame, grid_of_panels, new_figure
+from tensegrity_mj.pictures.figure import COLUMN, ROW, Figure, frame, grid_of_panels, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.one_prefix import alike
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
@@ -32,9 +32,6 @@ from tensegrity_mj.studies.identification.unknowns import Parameter, Unknowns
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.store import opened
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,7 +162,6 @@ DOUBTFUL = 0.01  # p below which χ² or whiteness is evidence against noise or 
 
 
 def page_of(data: Data) -> Page:
-    """The page."""
     level = f"{data['level']:.3g}"
     heads = {"name": "parameter", "start": "start", "value": "estimate", "deviation": "standard deviation"}
     heads |= {"low": f"interval of {level} from", "high": "to", "note": ""}

@@ -158,7 +158,6 @@ def varied(base: Structure, axis: str, value: float) -> Structure:
 
 
 def structure_of(point: Mapping[str, Any]) -> Structure:
-    """The structure of a point of the study."""
     if point["kind"] == "random":
         return random_taut_structure(
             np.random.default_rng(point["seed"]),
@@ -230,7 +229,6 @@ def random_points(count: int, seed: int, most_rods: int = 30) -> list[dict[str, 
 
 
 def map_points(base: Structure, axes: tuple[str, ...], quick: bool, most_rods: int) -> list[dict[str, Any]]:
-    """Points of the maps."""
     text = structure_to_toml(base)
     places = [(axis, value) for axis in axes for value in (AXES[axis][2] if quick else AXES[axis][1])]
     return [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +14,12 @@ from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.names import NAMES, TITLES
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
+from tensegrity_mj.pictures.figure import COLUMN, Axes, Figure, common_legend, frame, grid_of_panels
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.study import AGREEMENT, DRAWN, UNEXPLAINED, agreement
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Data = Mapping[str, Any]
 
@@ -48,7 +44,6 @@ HEADS = ("", "predicted [s]", "measured [s]", "predicted / measured", "over 2/ω
 
 
 def page_of(data: Data) -> Page:
-    """The page of a study's data."""
     # Pictures come before tables.
     ordered = sorted(sections(data), key=lambda section: not any(isinstance(part, Picture) for part in section.parts))
     title = f"The largest stable step: {data['scene']}"
@@ -102,7 +97,6 @@ def _findings(data: Data) -> Iterator[Finding]:
 
 
 def sections(data: Data) -> Iterator[Section]:
-    """The sections that the data has."""
     shown = {name: Picture(*drawn) for name, drawn in pictures(data).items()}
     heads = ("", "at the start [s]", "worst on the way [s]", "at t [s]", "rod or mass", "string", "remarks")
     moving, resting = Table("", heads, list(start_rows(data["start"]))), Table("", HEADS, list(rest_rows(data["base"])))

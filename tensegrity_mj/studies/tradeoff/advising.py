@@ -67,7 +67,6 @@ def decades(motion: float, bounds: Sequence[float | None]) -> list[float]:
 
 
 def label(point: Data) -> str:
-    """Return a point's setting as text."""
     return f"{point['family']}, {point['knob']}"
 
 
@@ -174,7 +173,6 @@ def reference_sentence(experiment: Data) -> str:
 
 
 def metres(value: float | None) -> str:
-    """Return a distance as text."""
     if value is None:
         return "–"
     return "0 m" if value == 0 else f"{power_text(float(f'{value:.1e}'))} m" if value < 1e-3 else f"{value:.2g} m"

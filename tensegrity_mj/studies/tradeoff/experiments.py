@@ -109,7 +109,6 @@ class TradeoffOptions:
         return not self.families or any(word.casefold() in words for word in self.families)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
         return plain_values(self, *item_of(type(self)).keys)
 
 
@@ -166,7 +165,6 @@ class Experiment:
         return recording_interval(self.duration)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
         own = plain_values(self, "key", "title", "loop")
         how = {"actuation": self.actuation.mode.value, "period": self.actuation.period}
         return {**own, **how, **plain_values(self, "duration", "interval", "note")}

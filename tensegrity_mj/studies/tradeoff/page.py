@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tensegrity_mj.basics.texts import figure_text, shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, common_legend, frame, grid_of_panels
+from tensegrity_mj.pictures.figure import GREY, Axes, Figure, common_legend, frame, grid_of_panels
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.runs.judgement import in_short, judge
@@ -21,10 +21,6 @@ from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.advising import with_timing
 from tensegrity_mj.studies.tradeoff.reference import SURE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Data = Mapping[str, Any]
 
@@ -45,7 +41,6 @@ MOST_LETTERS = 160  # of a reason
 
 
 def page_of(data: Data) -> Page:
-    """The page of a study's data."""
     scene = data["scene"]
     members = ", ".join(f"{kind}: {scene[kind]}" for kind in ("rods", "bodies", "strings") if scene.get(kind))
     introduction = (

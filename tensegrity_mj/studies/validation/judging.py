@@ -112,7 +112,6 @@ def word_of(section: str, part: Mapping[str, Any], nominal: Mapping[str, Any]) -
 
 
 def title(engine: str) -> str:
-    """Return an engine's name, as text."""
     return ENGINES[engine].title
 
 
@@ -217,7 +216,6 @@ def _doubts(part: Data) -> list[str]:
 
 
 def law_name(law: Data) -> str:
-    """Return the name of a law."""
     return str((law["description"] or {}).get("law", law["from"]))
 
 

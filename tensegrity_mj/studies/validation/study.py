@@ -186,7 +186,6 @@ COLUMNS, NOTES = TABLE["columns"], TABLE["notes"]
 
 
 def page_of(data: Data) -> Page:
-    """The page of a report's data."""
     setup, law = data["setup"], data["law"]
     name = law_name(law)
     scene = data["scene"]
@@ -347,7 +346,6 @@ GAIN_NAMES = {"decay_rate": "δ"}
 
 
 def of_section(section: str, data: Data) -> Iterator[Picture]:
-    """The figures of a section."""
     makers = {"nominal": _nominal_runs, "sampling": _sampling, "gains": _gains, "starts": _starts}
     if section in makers:
         yield from makers[section](data)
