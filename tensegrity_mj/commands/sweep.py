@@ -15,7 +15,7 @@ from tensegrity_mj.commands.common import Outcome, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.studies.table import Row
+    from tensegrity_mj.studies.sweep import Row
 
 MOST_LINES = 40
 
@@ -33,7 +33,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.page import judgement_of
-    from tensegrity_mj.studies.table import USUAL, check_measures, counts, rows_of
+    from tensegrity_mj.studies.sweep import USUAL, check_measures, counts, rows_of
 
     measures = check_measures(options.measures.split(",") if options.measures is not None else USUAL)
     sweep = studies.Sweep(
@@ -67,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str], measures: Sequence[str]) -> str:
-    from tensegrity_mj.studies.table import parameter_label, shown
+    from tensegrity_mj.studies.sweep import parameter_label, shown
 
     heads = ["", *map(parameter_label, parameters), "status", *(name.replace("_", " ") for name in measures)]
     lines = [heads]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -16,21 +15,18 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, Axes, Figure, frame, line_style, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
-from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
-from tensegrity_mj.studies import table
+from tensegrity_mj.pictures.page import PathLike, Picture, Table, pictures_and_tables
+from tensegrity_mj.studies import sweep as sweeps
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.report import Page
-from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.table import counts
+from tensegrity_mj.studies.sweep import MEASURES, Row, Sweep, as_number, counts, measure_label, parameter_label, shown
 
 MOST_ROWS = 1000
 LONG = 12  # rows beyond which the table is folded
 WIDE = 100.0  # ratio of the largest to the smallest value beyond which a scale is logarithmic
 
 
-def write_sweep_page(
-    path: str | os.PathLike[str], sweep: Sweep, study: Study, measures: Sequence[str] = table.USUAL
-) -> Path:
+def write_sweep_page(path: PathLike, sweep: Sweep, study: Study, measures: Sequence[str] = sweeps.USUAL) -> Path:
     """Write the page of a finished sweep; returns its path.
 
     Args:
@@ -39,8 +35,8 @@ def write_sweep_page(
     Raises:
         OptionError: a measure that there is not, a path that cannot be written.
     """
-    wanted = table.check_measures(measures)
-    scene, rows = cast(Scene, sweep.scene), table.rows_of(study)
+    wanted = sweeps.check_measures(measures)
+    scene, rows = cast(Scene, sweep.scene), sweeps.rows_of(study)
     measures = [name for name in wanted if any(row.values.get(name) is not None for row in rows)]
     several = [axis.axes[0] for axis in sweep.axes]
     axes = [axis.parameter for axis in several if len(axis.values) > 1]
@@ -48,20 +44,20 @@ def write_sweep_page(
     lines: list[list[object]] = [
         [
             number,
-            *(table.shown(row.parameters[name]) for name in sweep.parameters),
+            *(shown(row.parameters[name]) for name in sweep.parameters),
             row.status,
             *(row.values.get(name) for name in measures),
             row.reason,
         ]
         for number, row in enumerate(rows[:MOST_ROWS])
     ]
-    heads = ["", *map(table.parameter_label, sweep.parameters), "status", *map(table.measure_label, measures), "reason"]
+    heads = ["", *map(parameter_label, sweep.parameters), "status", *map(measure_label, measures), "reason"]
     note = (
         f"The first {MOST_ROWS} of {len(rows)} points; the others are in result.json." if len(rows) > MOST_ROWS else ""
     )
-    if without := ", ".join(table.measure_label(name) for name in wanted if name not in measures):
+    if without := ", ".join(measure_label(name) for name in wanted if name not in measures):
         note = f"{note} No point has a value of: {without}.".strip()
-    meanings = [[name, table.MEASURES[name].meaning, table.MEASURES[name].unit] for name in wanted]
+    meanings = [[name, MEASURES[name].meaning, MEASURES[name].unit] for name in wanted]
     tables = [
         Table("Points", heads, lines, note, folded=len(lines) > LONG),
         Table("Measures", ["measure", "meaning", "unit"], meanings, folded=True),
@@ -71,13 +67,13 @@ def write_sweep_page(
     return Page(f"Sweep of {scene.name}", scene.source, judgement_of(sweep, study, measures), sections).write(path)
 
 
-def judgement_of(sweep: Sweep, study: Study, measures: Sequence[str] = table.USUAL) -> Judgement:
+def judgement_of(sweep: Sweep, study: Study, measures: Sequence[str] = sweeps.USUAL) -> Judgement:
     """The verdict and the findings of a finished sweep."""
-    rows, several = table.rows_of(study), [axis.axes[0] for axis in sweep.axes]
+    rows, several = sweeps.rows_of(study), [axis.axes[0] for axis in sweep.axes]
     return Judgement(_verdict(cast(Scene, sweep.scene).name, rows), tuple(_findings(rows, several, measures)))
 
 
-def _verdict(name: str, rows: Sequence[table.Row]) -> str:
+def _verdict(name: str, rows: Sequence[Row]) -> str:
     """Return a sentence on how the points ended."""
     ended = counts(rows)
     done = ended.get("completed", 0)
@@ -87,7 +83,7 @@ def _verdict(name: str, rows: Sequence[table.Row]) -> str:
     return f"{done} of {len(rows)} points of {name} completed without a doubt; {others}."
 
 
-def _findings(rows: Sequence[table.Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:
+def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:
     """Yield findings on how points ended, and on the range of each measure with the points at its ends."""
     done = counts(rows).get("completed", 0)
     if done < len(rows):
@@ -98,16 +94,15 @@ def _findings(rows: Sequence[table.Row], axes: Sequence[Any], measures: Sequence
         yield Finding(mark_of(done, len(rows)), text)
     names = [axis.parameter for axis in axes]
     for measure in measures:
-        found = [(value, row) for row in rows if (value := table.as_number(row.values.get(measure))) is not None]
+        found = [(value, row) for row in rows if (value := as_number(row.values.get(measure))) is not None]
         found = [(value, row) for value, row in found if math.isfinite(value)]
         if len(found) < 2:
             continue
         ends = [min(found, key=lambda one: one[0]), max(found, key=lambda one: one[0])]
-        unit, head = table.MEASURES[measure].unit, measure.replace("_", " ").capitalize()
+        unit, head = MEASURES[measure].unit, measure.replace("_", " ").capitalize()
         low, high = (quantity(value, "" if unit.startswith("as ") else unit) for value, _ in ends)
         where = [
-            ", ".join(f"{table.parameter_label(name)} = {table.shown(row.parameters[name])}" for name in names)
-            for _, row in ends
+            ", ".join(f"{parameter_label(name)} = {shown(row.parameters[name])}" for name in names) for _, row in ends
         ]
         at = [f" ({place})" if place else "" for place in where]
         text = f"{head}: {low} everywhere." if low == high else ""
@@ -118,7 +113,7 @@ def _fixed(sweep: Sweep, study: Study) -> list[list[Any]]:
     common = study.common
     control = cast(Scene, sweep.scene).control
     varied = set(sweep.parameters)
-    single = {name: table.shown(value) for name, value in study.points[0]["parameters"].items() if name not in varied}
+    single = {name: shown(value) for name, value in study.points[0]["parameters"].items() if name not in varied}
     return [
         ["scene", cast(Scene, sweep.scene).name],
         ["engine", common["engine"]["name"]],
@@ -133,7 +128,7 @@ def _fixed(sweep: Sweep, study: Study) -> list[list[Any]]:
 
 
 def figures(
-    rows: Sequence[table.Row], axes: Sequence[str], drawn: Sequence[str], measures: Sequence[str]
+    rows: Sequence[Row], axes: Sequence[str], drawn: Sequence[str], measures: Sequence[str]
 ) -> Iterator[Picture]:
     """A figure for every measure that is a number somewhere.
 
@@ -146,7 +141,7 @@ def figures(
     numeric = [name for name in axes if _is_numeric(rows, name)]
     other = [name for name in axes if name not in numeric]
     for measure in measures:
-        if not any(table.as_number(row.values.get(measure)) is not None for row in rows):
+        if not any(as_number(row.values.get(measure)) is not None for row in rows):
             continue
         if len(numeric) == 2:
             yield Picture(_maps(rows, numeric, other, measure), _caption(measure, numeric))
@@ -158,12 +153,12 @@ def figures(
 
 
 def _caption(measure: str, over: Sequence[str]) -> str:
-    names = " and ".join(table.parameter_label(name) for name in over)
-    return f"{table.MEASURES[measure].meaning[0].upper()}{table.MEASURES[measure].meaning[1:]} against {names}"
+    names = " and ".join(parameter_label(name) for name in over)
+    return f"{MEASURES[measure].meaning[0].upper()}{MEASURES[measure].meaning[1:]} against {names}"
 
 
 def _curves(
-    rows: Sequence[table.Row], over: Sequence[str], other: Sequence[str], measure: str, *, drawn: bool = False
+    rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measure: str, *, drawn: bool = False
 ) -> Figure:
     """The measure over each parameter, for each combination of the others a line of the medians of samples, and dots.
 
@@ -186,17 +181,17 @@ def _curves(
             if not drawn and len(x) > len(places):
                 panel.plot(x, y, color=look["color"], lw=0, marker=".", ms=3, alpha=0.5)
         _scales(panel)
-        unit = table.measure_label(measure) if panel is panels[0] else ""
+        unit = measure_label(measure) if panel is panels[0] else ""
         frame(panel, "", _axis(rows, name), unit, legend=1 < len(groups) <= MAX_LEGEND)
     return figure
 
 
-def _maps(rows: Sequence[table.Row], names: Sequence[str], other: Sequence[str], measure: str) -> Figure:
+def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measure: str) -> Figure:
     """The measure over two parameters, a map for each combination of the others (at most four): medians of samples."""
     groups = list(_grouped(rows, other).items())[:4]
     figure = new_figure(max(1.5, 1.35 * len(groups)) * COLUMN, 1.15 * COLUMN)
     panels = np.atleast_1d(figure.subplots(1, len(groups)))
-    places = [np.unique([table.as_number(row.parameters[name]) for row in rows]) for name in names]
+    places = [np.unique([as_number(row.parameters[name]) for row in rows]) for name in names]
     cells = []
     for _, members in groups:
         (x, values), (y, _) = (_numbers(members, name, measure) for name in names)
@@ -221,33 +216,33 @@ def _maps(rows: Sequence[table.Row], names: Sequence[str], other: Sequence[str],
         panel.set_title(figure_text(label), fontsize=9)
         panel.tick_params(labelsize=8, color=GREY)
     bar = figure.colorbar(mesh, ax=list(panels))
-    bar.set_label(table.measure_label(measure), fontsize=9)
+    bar.set_label(measure_label(measure), fontsize=9)
     bar.ax.tick_params(labelsize=8)
     prefix_ticks(bar.ax)
     return figure
 
 
-def _is_numeric(rows: Sequence[table.Row], name: str) -> bool:
-    return all(table.as_number(row.parameters.get(name)) is not None for row in rows)
+def _is_numeric(rows: Sequence[Row], name: str) -> bool:
+    return all(as_number(row.parameters.get(name)) is not None for row in rows)
 
 
-def _numbers(rows: Sequence[table.Row], name: str, measure: str) -> tuple[Any, Any]:
-    pairs = [(table.as_number(row.parameters[name]), table.as_number(row.values.get(measure))) for row in rows]
+def _numbers(rows: Sequence[Row], name: str, measure: str) -> tuple[Any, Any]:
+    pairs = [(as_number(row.parameters[name]), as_number(row.values.get(measure))) for row in rows]
     known = [(x, y) for x, y in pairs if x is not None and y is not None and math.isfinite(y)]
     return np.array([x for x, _ in known], float), np.array([y for _, y in known], float)
 
 
-def _grouped(rows: Sequence[table.Row], names: Sequence[str]) -> dict[str, list[table.Row]]:
-    groups: dict[str, list[table.Row]] = {}
+def _grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[str, list[Row]]:
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        label = ", ".join(f"{table.parameter_label(name)} = {table.shown(row.parameters[name])}" for name in names)
+        label = ", ".join(f"{parameter_label(name)} = {shown(row.parameters[name])}" for name in names)
         groups.setdefault(label, []).append(row)
     return groups
 
 
-def _axis(rows: Sequence[table.Row], name: str) -> str:
+def _axis(rows: Sequence[Row], name: str) -> str:
     scaled = any(str(row.parameters[name]).startswith("*") for row in rows)
-    return figure_text(table.parameter_label(name)) + (" (factor)" if scaled else "")
+    return figure_text(parameter_label(name)) + (" (factor)" if scaled else "")
 
 
 def _scales(panel: Axes) -> None:

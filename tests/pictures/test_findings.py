@@ -12,7 +12,7 @@ from tensegrity_mj.pictures.findings import MOST, Finding, Judgement, Mark, mark
 from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.statics.study import analyse
 from tensegrity_mj.studies.page import _findings
-from tensegrity_mj.studies.table import Row
+from tensegrity_mj.studies.sweep import Row
 from tensegrity_mj.studies.validation import judging
 from tensegrity_mj.studies.validation import study as validation_page
 

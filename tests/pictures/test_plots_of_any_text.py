@@ -22,7 +22,7 @@ from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import page as static_page
 from tensegrity_mj.studies.page import figures as sweep_figures
-from tensegrity_mj.studies.table import Row
+from tensegrity_mj.studies.sweep import Row
 
 # An unclosed fraction, which TeX cannot read; two dollars, which would make a formula; a label that would be hidden.
 NAMES = ["Q$\\frac{$Q", "Q$x^2$Q", "_Q\\alpha $Q", "Q\\$Q", "Q%&~^{}#Q\\"]

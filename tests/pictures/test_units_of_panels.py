@@ -25,7 +25,7 @@ from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.studies.identification import result
 from tensegrity_mj.studies.page import figures as sweep_figures
-from tensegrity_mj.studies.table import Row
+from tensegrity_mj.studies.sweep import Row
 
 
 def shaken() -> Trajectory:

@@ -40,8 +40,7 @@ from tensegrity_mj.studies.parameter_values import (
 )
 from tensegrity_mj.studies.parameters import Draft, NominalWinches
 from tensegrity_mj.studies.plain import canonical
-from tensegrity_mj.studies.sweep import Sweep, drafted
-from tensegrity_mj.studies.table import MEASURES, counts, rows_of
+from tensegrity_mj.studies.sweep import MEASURES, Sweep, counts, drafted, rows_of
 from tensegrity_mj.studies.workers import Backend, Workers
 
 HERE = Workers(backend=Backend.THIS_PROCESS)
