@@ -26,9 +26,9 @@ from tensegrity_mj.learning.dm_control.repairing import repair as repair  # noqa
 from tensegrity_mj.learning.tasks.definition import RandomStart as RandomStart  # noqa: E402
 
 if TYPE_CHECKING:  # these subclass dm_control's own classes, which are repaired before they are imported
-    from tensegrity_mj.learning.dm_control.entities import TensegrityEntity as TensegrityEntity
     from tensegrity_mj.learning.dm_control.stepping import PhysicsDivergence as PhysicsDivergence
     from tensegrity_mj.learning.dm_control.stepping import ScenePhysics as ScenePhysics
+    from tensegrity_mj.learning.dm_control.stepping import TensegrityEntity as TensegrityEntity
     from tensegrity_mj.learning.dm_control.tasks import TensegrityTask as TensegrityTask
 else:
     __getattr__, __dir__ = face(__name__, before=repair)

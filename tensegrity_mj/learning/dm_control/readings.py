@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,11 +28,17 @@ def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array
     return np.asarray(spatial[:, 3:] + np.cross(spatial[:, :3], arms))
 
 
-class StringActuators:
-    """The strings' actuators of one command: what their controls mean, and what keeps them true to the string law.
+class Strings(NamedTuple):
+    """State of the strings: controls, lengths and rates (M,); those that break until `time` [s] are broken."""
 
-    Arguments named ctrl, lengths and rates are (M,), of one state; strings that break until `time` [s] are broken.
-    """
+    ctrl: Array
+    lengths: Array
+    rates: Array
+    time: float
+
+
+class StringActuators:
+    """The strings' actuators of one command: what their controls mean, and what keeps them true to the string law."""
 
     def __init__(self, scene: Scene, command: Command, timestep: float) -> None:
         structure = scene.structure
@@ -49,48 +56,45 @@ class StringActuators:
         # Otherwise the force limits in the model are all that a slack string needs.
         self.needs_limits = bool(np.any(self.c > 0) or scene.breaks)
 
-    def limited(self, command: Array, ctrl: Array, lengths: Array, period: float | None) -> Array:
-        """The command kept within what strings and winches can do, as every engine keeps a law's; see docs/laws.md.
+    def control(self, command: Array, at: Strings, period: float | None) -> Array:
+        """Controls of rest lengths [m], or of force densities [N/m], kept within what strings and winches can do.
 
-        `ctrl` is in force until now; `period` [s] is how long the command will hold, None to pass over winch speeds.
+        Engines keep a law's likewise, see docs/laws.md. `at` is in force until now; `period` [s] is how long the
+        command will hold, None to pass over winch speeds.
         """
         if self.command is Command.FORCE_DENSITY:
-            return np.minimum(np.minimum(command, self._largest_u), self.k * (1 - self._least_length / lengths))
-        kept = np.maximum(np.maximum(command, self._least_length), lengths * (1 - self._largest_u / self.k))
-        if period is None:
-            return kept
-        rest, reach = self.rest_lengths(ctrl, lengths), self._winch_speed * period
-        return np.clip(kept, rest - reach, rest + reach)
+            return np.minimum(np.minimum(command, self._largest_u), self.k * (1 - self._least_length / at.lengths))
+        kept = np.maximum(np.maximum(command, self._least_length), at.lengths * (1 - self._largest_u / self.k))
+        if period is not None:
+            rest, reach = self.rest_lengths(at), self._winch_speed * period
+            kept = np.clip(kept, rest - reach, rest + reach)
+        return np.asarray(kept - self.designed_lengths)
 
-    def controls(self, command: Array) -> Array:
-        """Controls of rest lengths [m], or of force densities [N/m]."""
-        return command - self.designed_lengths if self.command is Command.REST_LENGTH else command
-
-    def rest_lengths(self, ctrl: Array, lengths: Array) -> Array:
+    def rest_lengths(self, at: Strings) -> Array:
         """Rest lengths L0 (M,) [m]."""
         if self.command is Command.REST_LENGTH:
-            return np.asarray(self.designed_lengths + ctrl)
-        return strings.rest_length(self.k, lengths, ctrl)
+            return np.asarray(self.designed_lengths + at.ctrl)
+        return strings.rest_length(self.k, at.lengths, at.ctrl)
 
-    def force_densities(self, ctrl: Array, lengths: Array, time: float) -> Array:
+    def force_densities(self, at: Strings) -> Array:
         """Force densities u (M,) [N/m]: the elastic part of the tension over the length."""
-        u = ctrl if self.command is Command.FORCE_DENSITY else self.k * (1 - self.rest_lengths(ctrl, lengths) / lengths)
-        return np.where(self.idle(ctrl, lengths, time), 0.0, u)
+        u = at.ctrl if self.command is Command.FORCE_DENSITY else self.k * (1 - self.rest_lengths(at) / at.lengths)
+        return np.where(self._idle(at), 0.0, u)
 
-    def idle(self, ctrl: Array, lengths: Array, time: float) -> NDArray[np.bool_]:
+    def _idle(self, at: Strings) -> NDArray[np.bool_]:
         """Mask (M,) of the strings that carry nothing: they are broken, or not longer than at rest."""
-        slack = ctrl <= 0.0 if self.command is Command.FORCE_DENSITY else lengths <= self.rest_lengths(ctrl, lengths)
-        return np.asarray(slack | (self._breaks <= time))
+        slack = at.ctrl <= 0.0 if self.command is Command.FORCE_DENSITY else at.lengths <= self.rest_lengths(at)
+        return np.asarray(slack | (self._breaks <= at.time))
 
-    def tensions(self, ctrl: Array, lengths: Array, rates: Array, time: float) -> Array:
+    def tensions(self, at: Strings) -> Array:
         """Tensions T (M,) [N], dampers included."""
-        total = self.force_densities(ctrl, lengths, time) * lengths + self.c * rates
+        total = self.force_densities(at) * at.lengths + self.c * at.rates
         total = np.where(self._clipped, np.maximum(0.0, total), total)
-        return np.where(self.idle(ctrl, lengths, time), 0.0, total)
+        return np.where(self._idle(at), 0.0, total)
 
-    def force_limits(self, ctrl: Array, lengths: Array, time: float) -> Array:
+    def force_limits(self, at: Strings) -> Array:
         """Limits (M, 2) of the actuators' forces [N]: none for an idle string, whose damper must not act either."""
-        idle = self.idle(ctrl, lengths, time)
+        idle = self._idle(at)
         return np.column_stack([np.where(idle, 0.0, -UNLIMITED), np.where(idle, 0.0, self._most)])
 
     def designed(self, lengths: Array) -> Array:
@@ -115,14 +119,17 @@ class HeldForces:
     def __len__(self) -> int:
         return 3 * len(self.rows)
 
-    def controls(self, time: float, timestep: float, middle: bool, nodes: Array, velocities: Array) -> Array:
+    def controls(self, time: float, option: Any, nodes: Array, velocities: Array) -> Array:
         """Controls of the actuators [N] for the step that begins at a time [s], and at nodes (N, 3) [m] and [m/s].
+
+        `option` is that of the MjModel, with its step and its integrator.
 
         Raises:
             OptionError: where the scene's load function fails or returns something else than finite (N, 3).
             ElementError: where an element does.
         """
-        at, places = (time + 0.5 * timestep, nodes + 0.5 * timestep * velocities) if middle else (time, nodes)
+        half = 0.5 * option.timestep * (option.integrator == mujoco.mjtIntegrator.mjINT_RK4)
+        at, places = time + half, nodes + half * velocities
         forces = np.zeros_like(nodes)
         for element in self.effects:
             try:

@@ -1,4 +1,7 @@
-"""A dm_control Physics that keeps a scene's strings and forces true to it from step to step."""
+"""A dm_control Physics and a composer Entity that keep a scene's strings and forces true to it from step to step.
+
+The Physics is of the scene alone; the Entity is the scene in an arena: what can be observed of it, how it starts.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,20 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer import define
+from dm_control.composer.observation import observable
 from dm_control.mujoco import Physics
 from dm_control.rl.control import PhysicsError
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
-from tensegrity_mj.errors import ControllerError, DivergenceError
-from tensegrity_mj.learning.dm_control.readings import HeldForces, StringActuators, point_velocities
+from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
+from tensegrity_mj.learning.dm_control.models import element
+from tensegrity_mj.learning.dm_control.readings import HeldForces, StringActuators, Strings, point_velocities
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import BEYOND
 
@@ -66,19 +74,19 @@ class ScenePhysics(Physics):  # type: ignore[misc]
 
     def rest_lengths(self) -> Array:
         """Rest lengths L0 (M,) [m]."""
-        return self.string_actuators.rest_lengths(self._ctrl(), self.string_lengths())
+        return self.string_actuators.rest_lengths(self._strings())
 
     def force_densities(self) -> Array:
         """Force densities u (M,) [N/m]."""
-        return self.string_actuators.force_densities(self._ctrl(), self.string_lengths(), self.time())
+        return self.string_actuators.force_densities(self._strings())
 
     def tensions(self) -> Array:
         """Tensions T (M,) [N] at this very state (MuJoCo's actuator_force is that of the last stage)."""
-        rates = np.array(self.data.ptr.ten_velocity)
-        return self.string_actuators.tensions(self._ctrl(), self.string_lengths(), rates, self.time())
+        return self.string_actuators.tensions(self._strings())
 
-    def _ctrl(self) -> Array:
-        return np.array(self.data.ptr.ctrl[: self._size])
+    def _strings(self) -> Strings:
+        data = self.data.ptr
+        return Strings(np.array(data.ctrl[: self._size]), self.string_lengths(), np.array(data.ten_velocity), data.time)
 
     # Acting
 
@@ -99,9 +107,8 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         Raises:
             ControllerError: for another shape, or a value that is not finite.
         """
-        values, lengths = self._checked(self.command.value, command), self.string_lengths()
-        values = self.string_actuators.limited(values, self._ctrl(), lengths, period)
-        self.set_control(self.string_actuators.controls(values))
+        values = self._checked(self.command.value, command)
+        self.set_control(self.string_actuators.control(values, self._strings(), period))
 
     def _checked(self, what: str, value: ArrayLike) -> Array:
         names = [string.name for string in self.scene.structure.strings]
@@ -127,12 +134,10 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         """Renew forces on nodes, breaks and damping of slack strings, once a step; a callback would at each stage."""
         model, data = self.model.ptr, self.data.ptr
         if self.string_actuators.needs_limits:
-            limits = self.string_actuators.force_limits(data.ctrl[: self._size], data.ten_length, data.time)
-            model.actuator_forcerange[: self._size] = limits
+            model.actuator_forcerange[: self._size] = self.string_actuators.force_limits(self._strings())
         if len(self.forces):
-            middle = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-            state = self.nodes(), self.velocities()
-            data.ctrl[self._size :] = self.forces.controls(data.time, model.opt.timestep, middle, *state)
+            forces = self.forces.controls(data.time, model.opt, self.nodes(), self.velocities())
+            data.ctrl[self._size :] = forces
 
     def _advance(self, nstep: int) -> None:
         try:
@@ -201,3 +206,159 @@ def checked_command(what: str, value: ArrayLike, names: list[str]) -> Array:
         number = int(np.argmin(np.isfinite(array)))
         raise ControllerError(f"{what} of string '{names[number]}' = {array[number]}; it must be finite")
     return array
+
+
+class TensegrityEntity(composer.Entity):  # type: ignore[misc]
+    """A scene that can be attached to an arena or to another entity, any number of times.
+
+        arena = composer.Arena()
+        adopt_options(arena.mjcf_model, scene)
+        robot = TensegrityEntity(scene)
+        arena.attach(robot)
+
+    Positions and velocities are those in the entity's own frame, which is the scene's world frame: a control law made
+    for the scene can be fed with them wherever the entity is.
+
+    Args:
+        scene: the experiment.
+        command: what its actuators take.
+        name: of the model; the scene's by default.
+
+    Attributes:
+        scene: what it is made from.
+        actuators: one a string, in the scene's order.
+        joints: in the order of `mjcf.initial_velocities`.
+
+    Raises:
+        OptionError, StructureError: as `element`.
+    """
+
+    def _build(self, scene: Scene, command: Command = Command.REST_LENGTH, name: str | None = None) -> None:
+        member("command", command, Command)
+        self.scene = scene
+        self._mjcf_root = element(scene, command, name)
+        self._command, self._forces = command, HeldForces(scene)
+        self._strings = StringActuators(scene, command, timestep=1e-3)
+        root, structure = self._mjcf_root, scene.structure
+        actuators = list(root.actuator.general)
+        self.actuators = tuple(actuators[: len(structure.strings)])
+        self._load_actuators = tuple(actuators[len(structure.strings) :])
+        self._tendons = tuple(root.tendon.spatial)
+        self._sites = tuple(root.find("site", node) for node in structure.node_names)
+        self._bodies = tuple(root.worldbody.body)
+        self.joints = tuple(joint for body in self._bodies for joint in body.joint)
+
+    def _build_observables(self) -> TensegrityObservables:
+        return TensegrityObservables(self)
+
+    @property
+    def mjcf_model(self) -> Any:
+        """The PyMJCF root element."""
+        return self._mjcf_root
+
+    # Reading
+
+    def nodes(self, physics: Any) -> Array:
+        """Node positions (N, 3) [m] in the entity's frame."""
+        origin, turn, _ = self._frame(physics)
+        return np.asarray((physics.bind(self._sites).xpos - origin) @ turn)
+
+    def velocities(self, physics: Any) -> Array:
+        """Node velocities (N, 3) [m/s] relative to the entity's frame, which may itself move."""
+        _, turn, body = self._frame(physics)
+        sites = np.asarray(physics.bind(self._sites).element_id)
+        model, data = physics.model.ptr, physics.data.ptr
+        points = data.site_xpos[sites]
+        own = point_velocities(model, data, model.site_bodyid[sites], points)
+        return np.asarray((own - point_velocities(model, data, np.full(len(sites), body), points)) @ turn)
+
+    def string_lengths(self, physics: Any) -> Array:
+        """String lengths ‖s‖ (M,) [m]."""
+        return self._state(physics).lengths
+
+    def rest_lengths(self, physics: Any) -> Array:
+        """Rest lengths L0 (M,) [m]."""
+        return self._strings.rest_lengths(self._state(physics))
+
+    def force_densities(self, physics: Any) -> Array:
+        """Force densities u (M,) [N/m]."""
+        return self._strings.force_densities(self._state(physics))
+
+    def tensions(self, physics: Any) -> Array:
+        """Tensions T (M,) [N] at this state."""
+        return self._strings.tensions(self._state(physics))
+
+    def _state(self, physics: Any) -> Strings:
+        if not self._tendons:
+            return Strings(np.zeros(0), np.zeros(0), np.zeros(0), physics.time())
+        bound, ctrl = physics.bind(self._tendons), np.array(physics.bind(self.actuators).ctrl)
+        return Strings(ctrl, np.array(bound.length), np.array(bound.velocity), physics.time())
+
+    def _frame(self, physics: Any) -> tuple[Array, Array, int]:
+        """Origin (3,), rotation (3, 3) and body of the frame that the entity is attached at."""
+        frame = mjcf.get_attachment_frame(self._mjcf_root)
+        if frame is None:
+            return np.zeros(3), np.eye(3), 0
+        bound = physics.bind(frame)
+        return np.array(bound.xpos), np.array(bound.xmat).reshape(3, 3), int(bound.element_id)
+
+    # Acting
+
+    def set_command(self, physics: Any, command: ArrayLike, period: float | None = None) -> None:
+        """Set rest lengths (M,) [m], or force densities [N/m]: as `ScenePhysics.set_command`."""
+        names = [string.name for string in self.scene.structure.strings]
+        values = checked_command(self._command.value, command, names)
+        if self.actuators:
+            physics.bind(self.actuators).ctrl = self._strings.control(values, self._state(physics), period)
+
+    # Hooks of composer; whoever steps without a composer Environment calls them likewise.
+
+    def after_compile(self, physics: Any, random_state: Any = None) -> None:
+        """Take the arena's time step, and see that its compiler settings left the masses as they are.
+
+        Raises:
+            OptionError: naming the body and what to look for.
+        """
+        self._strings = StringActuators(self.scene, self._command, physics.timestep())
+        for body in self._bodies:
+            bound, wanted = physics.bind(body), body.inertial
+            found = np.array([bound.mass, *bound.inertia], float)
+            if not np.allclose(found, [wanted.mass, *wanted.diaginertia], rtol=1e-9, atol=0):
+                raise OptionError(
+                    f"body '{body.full_identifier}' has {found[0]:.9g} kg and {found[1:]} kg m² instead of "
+                    f"{wanted.mass:.9g} and {wanted.diaginertia}: take inertiafromgeom, balanceinertia, boundmass, "
+                    "boundinertia and settotalmass out of the compiler settings of the model it is attached to"
+                )
+
+    def initialize_episode(self, physics: Any, random_state: Any = None) -> None:
+        """Give it the scene's initial velocities, and the strings as designed; positions are the model's own."""
+        physics.bind(self.joints).qvel = initial_velocities(self.scene)
+        mujoco.mj_fwdPosition(physics.model.ptr, physics.data.ptr)  # for the lengths
+        if self.actuators:
+            physics.bind(self.actuators).ctrl = self._strings.designed(self.string_lengths(physics))
+
+    def before_substep(self, physics: Any, random_state: Any = None) -> None:
+        """Renew, once a physics step, forces on nodes, breaks and damping of slack strings."""
+        if self._strings.needs_limits:
+            physics.bind(self.actuators).forcerange = self._strings.force_limits(self._state(physics))
+        if self._load_actuators:
+            state = self.nodes(physics), self.velocities(physics)
+            physics.bind(self._load_actuators).ctrl = self._forces.controls(physics.time(), physics.model.opt, *state)
+
+
+def _observed(name: str) -> Any:
+    """Make an observable of the entity's method of that name."""
+
+    def made(self: composer.Observables) -> Any:
+        return observable.Generic(getattr(self._entity, name))
+
+    made.__name__, made.__doc__ = name, getattr(TensegrityEntity, name).__doc__  # dm_control keeps it by its name
+    return define.observable(made)
+
+
+class TensegrityObservables(composer.Observables):  # type: ignore[misc]
+    """Observables of a scene, in its own frame; SI units."""
+
+    nodes, velocities = _observed("nodes"), _observed("velocities")
+    string_lengths, rest_lengths = _observed("string_lengths"), _observed("rest_lengths")
+    tensions = _observed("tensions")
