@@ -22,8 +22,8 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
 else:
     Axes = Figure = Any  # in annotations of all that draw, which need no matplotlib
 
