@@ -17,11 +17,11 @@ from tensegrity_mj.basics.faces import face
 
 require_dm_control()
 
-from tensegrity_mj.learning.dm_control.environments import environment as environment  # noqa: E402
+from tensegrity_mj.learning.dm_control.environments import environment as environment  # noqa: E402 - after the check
+from tensegrity_mj.learning.dm_control.environments import physics as physics  # noqa: E402
 from tensegrity_mj.learning.dm_control.environments import task_environment as task_environment  # noqa: E402
-from tensegrity_mj.learning.dm_control.models import adopt_options as adopt_options  # noqa: E402 - after the check
+from tensegrity_mj.learning.dm_control.models import adopt_options as adopt_options  # noqa: E402
 from tensegrity_mj.learning.dm_control.models import element as element  # noqa: E402
-from tensegrity_mj.learning.dm_control.models import physics as physics  # noqa: E402
 from tensegrity_mj.learning.dm_control.repairing import repair as repair  # noqa: E402
 from tensegrity_mj.learning.tasks.definition import RandomStart as RandomStart  # noqa: E402
 

@@ -1,7 +1,8 @@
-"""Scenes as dm_control Environments, by `environment`, with rest lengths or force densities as actions."""
+"""Scenes as a dm_control Physics, and as Environments with rest lengths or force densities as actions."""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.learning.dm_control.models import physics
+from tensegrity_mj.learning.dm_control.models import model
 from tensegrity_mj.learning.dm_control.repairing import repair
 from tensegrity_mj.learning.tasks.definition import RandomStart, Task, target_distance
 from tensegrity_mj.learning.tasks.robots import task_of
@@ -26,10 +27,41 @@ from tensegrity_mj.model.scene import Scene
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment
 
+    from tensegrity_mj.learning.dm_control.stepping import ScenePhysics
     from tensegrity_mj.learning.dm_control.tasks import Reward, Termination
 
 
 OBSERVED = ("nodes", "velocities", "string_lengths", "rest_lengths", "tensions")
+
+
+def physics(
+    scene: Scene,
+    timestep: float = 1e-3,
+    integrator: Integrator = Integrator.RK4,
+    command: Command = Command.REST_LENGTH,
+) -> ScenePhysics:
+    """A dm_control `Physics` of a scene, at the scene's start.
+
+        physics = tensegrity_mj.learning.dm_control.physics(scene, timestep=5e-3)
+        physics.set_control(rest_lengths - scene.structure.rest_lengths)     # [m]
+        physics.step()
+
+    It steps as the MuJoCo engine does with rest lengths (or force densities) held from step to step. Controls are
+    changes of the strings' rest lengths [m] from the designed ones, or force densities [N/m] with
+    `Command.FORCE_DENSITY`; `set_command` takes the rest lengths themselves. `reset()` goes back to the scene's start.
+
+    Raises:
+        OptionError: for a time step, an integrator or a command that is none.
+        StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
+        SceneError: for supports that move, and for water that adds mass to rods.
+    """
+    options = MuJoCo(timestep, integrator)
+    member("command", command, Command)
+    options.model(scene)  # for its errors: dm_control's would not say what to do
+    repair()
+    from tensegrity_mj.learning.dm_control.stepping import ScenePhysics
+
+    return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
 
 
 @value("", OptionError, positional=2, eq=False)
@@ -122,17 +154,16 @@ def task_environment(task: str | Task, seed: int = 0) -> Environment:
 
 def _environment_of(task: Task, reward: Reward | None, termination: Termination | None) -> Environment:
     engine = task.engine
-    model = physics(task.scene, engine.timestep, engine.integrator, task.action)
-    repair()
+    made = physics(task.scene, engine.timestep, engine.integrator, task.action)
     from dm_control.rl.control import Environment
 
     from tensegrity_mj.learning.dm_control.tasks import TensegrityTask
 
     substeps = whole_ratio(task.period, engine.timestep, "control_timestep over timestep")
     # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
-    limit = (task.steps - 0.5) * substeps * model.timestep()
+    limit = (task.steps - 0.5) * substeps * made.timestep()
     played = TensegrityTask(task, reward, termination)
-    return Environment(model, played, time_limit=limit, n_sub_steps=substeps, legacy_step=True)
+    return Environment(made, played, time_limit=limit, n_sub_steps=substeps, legacy_step=True)
 
 
 def _bounds(scene: Scene, action: Command, given: tuple[ArrayLike, ArrayLike] | None) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The MJCF of a scene as dm_control needs it, a Physics of it, and a PyMJCF element that other models take in.
+"""The MJCF of a scene as dm_control needs it, and a PyMJCF element that other models take in.
 
 It adds two things to `mjcf.scene_to_mjcf`, since dm_control has no place for a control callback:
 
@@ -33,40 +33,6 @@ from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:
     from dm_control.mjcf import RootElement
-
-    from tensegrity_mj.learning.dm_control.stepping import ScenePhysics
-
-
-def physics(
-    scene: Scene,
-    timestep: float = 1e-3,
-    integrator: Integrator = Integrator.RK4,
-    command: Command = Command.REST_LENGTH,
-) -> ScenePhysics:
-    """A dm_control `Physics` of a scene, at the scene's start.
-
-        physics = tensegrity_mj.learning.dm_control.physics(scene, timestep=5e-3)
-        physics.set_control(rest_lengths - scene.structure.rest_lengths)     # [m]
-        physics.step()
-
-    It steps as the MuJoCo engine does with rest lengths (or force densities) held from step to step. Controls are
-    changes of the strings' rest lengths [m] from the designed ones, or force densities [N/m] with
-    `Command.FORCE_DENSITY`; `set_command` takes the rest lengths themselves. `reset()` goes back to the scene's start.
-
-    Raises:
-        OptionError: for a time step, an integrator or a command that is none.
-        StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
-        SceneError: for supports that move, and for water that adds mass to rods.
-    """
-    options = MuJoCo(timestep, integrator)
-    member("command", command, Command)
-    options.model(scene)  # for its errors: dm_control's would not say what to do
-    from tensegrity_mj.learning.dm_control.repairing import repair
-
-    repair()
-    from tensegrity_mj.learning.dm_control.stepping import ScenePhysics
-
-    return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
 
 
 def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
