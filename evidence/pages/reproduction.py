@@ -13,12 +13,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from evidence import pages
 from evidence.thesis.experiments import TITLES, EngineName
 from evidence.thesis.ledger import Row
 from evidence.thesis.page import CLASSES, class_rows, summary, value_texts
 from evidence.thesis.reproduction import reproduce
 from evidence.thesis.tables import FORMULA, NOT_STUDIED, NOTHING, noticed
-from tensegrity_mj.basics import texts
 from tensegrity_mj.studies.workers import Workers
 
 DOC = Path(__file__).resolve().parents[1] / "docs" / "reproduction.md"
@@ -31,7 +31,7 @@ def markdown(rows: Sequence[Row]) -> str:
         "",
         f"**{summary(rows)}.**",
         "",
-        *texts.markdown_table(CLASSES, class_rows(rows)),
+        *pages.table_lines(CLASSES, class_rows(rows)),
         "",
         _notices(rows),
         "",
@@ -41,7 +41,7 @@ def markdown(rows: Sequence[Row]) -> str:
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
         columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
         heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
-        lines += [f"## {title}", "", *texts.markdown_table(heads, [_cells(row, columns) for row in own])]
+        lines += [f"## {title}", "", *pages.table_lines(heads, [_cells(row, columns) for row in own])]
         lines += _listed("Why rows differ, or cannot be judged:", {row.statement.id: row.cause for row in own})
         chosen = "Choices made so that rows are reproduced, and origins of values that the thesis lacks:"
         lines += [*_listed(chosen, {row.statement.id: row.statement.origin for row in own}), ""]
@@ -70,7 +70,7 @@ def _notices(rows: Sequence[Row]) -> str:
 
 def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
     """Return one line of the table, with a column for each engine; by default for those that the row has."""
-    return texts.markdown_row(_cells(row, list(row.cells) if engines is None else engines))
+    return pages.table_row(_cells(row, list(row.cells) if engines is None else engines))
 
 
 def _cells(row: Row, engines: Sequence[EngineName]) -> list[str]:

@@ -15,8 +15,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from evidence.pages import table_lines
 from tensegrity_mj.basics.files import made_folder, replacing, write_text
-from tensegrity_mj.basics.texts import file_name, markdown_table
+from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.experiments import BUDGET
@@ -89,7 +90,7 @@ def part(data: Data, has_picture: bool) -> str:
             continue
         if not timing["advice"]:
             continue
-        table = markdown_table(advising.ADVICE, advising.advice_rows(experiment, timing))
+        table = table_lines(advising.ADVICE, advising.advice_rows(experiment, timing))
         lines += [f"{title[:1].upper()}{title[1:]}:", "", *table, ""]
     if held:
         lines += ["What is held between control samples:", "", *held, ""]

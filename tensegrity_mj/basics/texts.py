@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from tensegrity_mj.errors import printable
 
 MOST_BYTES = 100  # of a file name: file systems take 255, some 143, and suffixes come after it
-BAR = r"\|"  # in a cell of a table in Markdown
 MOST_SHOWN = 400  # letters of a line of `at_a_glance`
 MARK_BYTES = 8  # of the mark of a changed name
 
@@ -76,16 +75,6 @@ def aligned(rows: Sequence[Sequence[object]], *, numbers: bool = False) -> list[
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     forms = [f"{'>' if numbers and place else '<'}{width}" for place, width in enumerate(widths)]
     return ["  ".join(map(format, line, forms)).rstrip() for line in texts]
-
-
-def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a table in Markdown."""
-    return [markdown_row(heads), f"|{'---|' * len(heads)}", *map(markdown_row, rows)]
-
-
-def markdown_row(cells: Sequence[str]) -> str:
-    """The line of one row of it."""
-    return f"| {' | '.join(cell.replace('|', BAR) for cell in cells)} |"
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

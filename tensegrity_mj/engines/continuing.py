@@ -18,7 +18,7 @@ from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.capabilities import CONTACT, ELEMENT_STATES, YIELDING
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.end_state import parts_of, texts_of
+from tensegrity_mj.runs.recorded import parts_of, texts_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 OF_STRINGS = ("held", "memory", "permanent", "last_stretch", "broken", "sampled_lengths")

@@ -1,8 +1,7 @@
 """Linear models of a scene about a state, from each engine's own equations; `linearize` derives how accurate they are.
 
 chart        coordinates that all engines share
-differences  how far from the state, and with what weights
-linearizing  the derivatives; strings stay taut or slack; a law's rest lengths; states of elements
+linearizing  the derivatives: steps and weights; strings stay taut or slack; a law's rest lengths; states of elements
 model        the matrices, and what follows from them
 """
 

@@ -27,17 +27,18 @@ and each slack one is kept slack. What is left is smooth in δ and quadratic in 
 in δ̇ and v are then exact. In δ, 2 n points with the step h have a truncation error of (n!)² (h/R)^(2n) and a round-off
 of 4 ε R / h, relative to k, where R is the distance within which a tension is analytic: the shortest string or rod.
 n = 6 and h = 0.022 R make 7e-15 and 4e-14 of them. Engines differ by their round-off alone. Where joints close loops h
-is shorter (`differences.LOOP_STEP`), and engines agree to 1e-8. Where much hangs on a rod, R is far shorter than any
-length: h is halved as long as n = 5 shows that it is too long (`differences.settled`).
+is shorter (`LOOP_STEP`), and engines agree to 1e-8. Where much hangs on a rod, R is far shorter than any length: h is
+halved as long as n = 5 shows that it is too long (`settled`).
 
 Elements whose forces have kinks (drag where a rod stands still in a fluid, the surface of water), or of which it is not
-known, take narrow differences instead, h times `differences.NARROW` in δ and `differences.NARROW_RATE` in δ̇: their
-round-off is 4e-12 relative to k, and 1e-10 s of the accelerations. At a kink itself a model is the mean of its sides.
+known, take narrow differences instead, h times `NARROW` in δ and `NARROW_RATE` in δ̇: their round-off is 4e-12
+relative to k, and 1e-10 s of the accelerations. At a kink itself a model is the mean of its sides.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -58,7 +59,6 @@ from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Req
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.linearization import differences
 from tensegrity_mj.linearization.chart import Chart, chart_of
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
@@ -125,7 +125,7 @@ def linearize(
         )
     chart = chart_of(structure, scene.nodes0)
     _, rate0 = chart.coordinates(scene.nodes0, scene.velocities0)
-    reach = differences.reach_of(structure, scene.nodes0)
+    reach = reach_of(structure, scene.nodes0)
     loop = None if law is None else SetRestLengths(scene, law, time)
     if rest_lengths is not None and law is not None:
         raise OptionError("rest_lengths and law: the law sets the rest lengths; leave one of them out")
@@ -133,7 +133,7 @@ def linearize(
         rest = real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m").copy()
     else:
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
-    strings = StringStates(structure, scene, rest, broken, inputs, differences.PAIRS * differences.STEP * reach, reach)
+    strings = StringStates(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
     elements = ElementStates(scene if strings.linear is structure else scene.with_(structure=strings.linear))
     field: Accelerations = engine.accelerations(Request(elements.scene, native_law(None, structure)))
 
@@ -154,14 +154,12 @@ def linearize(
     A, B, C = np.zeros((total, total)), np.zeros((total, M)), np.zeros((3 * len(structure.nodes), total))
     A[:n, n : 2 * n] = np.eye(n)
     smooth = all(element.smooth for element in scene.effects)
-    step = (
-        differences.STEP * (differences.LOOP_STEP if chart.has_loops else 1.0) * (1.0 if smooth else differences.NARROW)
-    )
-    turn = 1.0 if smooth else differences.NARROW_RATE
+    step = STEP * (LOOP_STEP if chart.has_loops else 1.0) * (1.0 if smooth else NARROW)
+    turn = 1.0 if smooth else NARROW_RATE
     for k in range(n):
         unit = np.eye(n)[k]
         h = step * reach / chart.lever(k)
-        slope = differences.settled(lambda x, u=unit: np.concatenate(motion(x * u, rate0, zero)), h)  # type: ignore[misc]
+        slope = settled(lambda x, u=unit: np.concatenate(motion(x * u, rate0, zero)), h)  # type: ignore[misc]
         C[:, k], A[n:, k] = np.split(slope, [len(C)])
         ahead, behind = motion(none, rate0 + turn * unit, zero), motion(none, rate0 - turn * unit, zero)
         A[n:, n + k] = (ahead[1] - behind[1]) / (2 * turn)
@@ -248,7 +246,7 @@ class ElementStates:
         steps = STATE_STEP * np.maximum(1.0, np.abs(self.start))
         ways = np.eye(len(steps))
         columns = [
-            differences.central(lambda part, way=way: function(self.start + part * way), h)  # type: ignore[misc]
+            central(lambda part, way=way: function(self.start + part * way), h)  # type: ignore[misc]
             for way, h in zip(ways, steps, strict=True)
         ]
         return np.column_stack(columns)
@@ -287,9 +285,9 @@ class StringStates:
         self.taut = taut & ~(structure.clipped & ~self.at_edge & (elastic + dampers <= 0))
         self.u = elastic / lengths
         self.input_step = (
-            np.full(len(rest), differences.STEP * reach)
+            np.full(len(rest), STEP * reach)
             if inputs is Command.REST_LENGTH
-            else differences.STEP * np.where(structure.curves.constant, self.u, structure.stiffness)
+            else STEP * np.where(structure.curves.constant, self.u, structure.stiffness)
         )
         # Above all that nodes that move by `move`, inputs, and dampers at unit rates of δ can make of a tension.
         self.offset = (
@@ -411,7 +409,7 @@ class SetRestLengths:
         for k in range(2 * n):
             unit = np.eye(2 * n)[k]
             scale = reach / chart.lever(k % n)
-            tried = [differences.central(lambda x, u=unit: value(x * u), h * scale) for h in LAW_STEPS]  # type: ignore[misc]
+            tried = [central(lambda x, u=unit: value(x * u), h * scale) for h in LAW_STEPS]  # type: ignore[misc]
             changes = [float(np.abs(a - b).max(initial=0.0)) for a, b in itertools.pairwise(tried)]
             gain[:, k] = tried[int(np.argmin(changes)) + 1 if changes[0] > min(changes) else 0]
             h = LAW_STEPS[-1] * scale
@@ -422,3 +420,62 @@ class SetRestLengths:
             return gain, []
         names = ", ".join(s.name for s, kink in zip(structure.strings, rows, strict=True) if kink)
         return gain, [f"the law has a kink at this state in strings {names}: the closed loop is the mean of its sides"]
+
+
+PAIRS = 6
+
+
+def _weights(pairs: int) -> Array:
+    """Weights w of f'(0) h = Σ w (f(k h) - f(-k h)), k = 1 to n: of order 2 n (Lagrange's), zero above n."""
+    found = np.zeros(PAIRS)
+    for k in range(1, pairs + 1):
+        w = math.factorial(pairs) ** 2 / (k * math.factorial(pairs - k) * math.factorial(pairs + k))
+        found[k - 1] = -((-1) ** k) * w
+    return found
+
+
+WEIGHTS, FEWER = _weights(PAIRS), _weights(PAIRS - 1)
+STEP = 0.022  # of R
+# Of that, where rods close loops: what closes them is a root of equations, analytic in a shorter distance. The lowest
+# ω² of `net` is 118 with the whole step, and 67.30030945 with this part of it and with a quarter of this.
+LOOP_STEP = 0.15
+# A function that is analytic within R of the state has f'(0) by n pairs to (n!)² (h/R)^2n of itself: 4e-13 by five of
+# them for h = 0.022 R, and 7e-15 by six. SETTLED of five is 1e-12 of six.
+SETTLED = 2.4e-11
+# Where forces may have kinks near by: of STEP; and of 1 m/s or 1 rad/s, for differences in rates.
+NARROW, NARROW_RATE = 0.01, 1e-6
+
+
+def central(function: Callable[[float], Array], h: float) -> Array:
+    """Derivative f'(0) by the points of WEIGHTS."""
+    return _both(function, h)[0]
+
+
+def settled(function: Callable[[float], Array], h: float) -> Array:
+    """Derivative f'(0) by the points of WEIGHTS; the step is halved while one pair fewer shows that it is too long.
+
+    In long chains of rods it may be: a rod that much hangs on is analytic in a far shorter distance than its length.
+    """
+    found, error = _both(function, h)
+    while error > SETTLED * np.abs(found).max(initial=0.0):
+        h /= 2
+        finer, less = _both(function, h)
+        if less > error / 8:  # round-off, or a kink: truncation falls to a thousandth
+            break
+        found, error = finer, less
+    return found
+
+
+def _both(function: Callable[[float], Array], h: float) -> tuple[Array, float]:
+    """Derivative f'(0) by all pairs, and the largest difference from that of one pair fewer."""
+    found = fewer = np.zeros(())
+    for p, (weight, other) in enumerate(zip(WEIGHTS, FEWER, strict=True), start=1):
+        change = function(p * h) - function(-p * h)
+        found, fewer = found + weight / h * change, fewer + other / h * change
+    return found, float(np.abs(found - fewer).max(initial=0.0))
+
+
+def reach_of(structure: Structure, nodes: Array) -> float:
+    """R [m]: the shortest of strings and rods, the distance in which directions change."""
+    lengths = np.concatenate([structure.string_lengths(nodes), structure.rod_lengths])
+    return float(lengths.min()) if len(lengths) else 1.0

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import base64
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import seconds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known, finite
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.dynamics.native.law import Report
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.rods import lengths
@@ -245,3 +248,39 @@ class RecordedRun:
 
 
 assert {*VARIABLES, *STATES, *DICTIONARIES} < {f.name for f in fields(RecordedRun)}
+
+
+MAY_BE_NAN = "report"  # of a run's end: what laws report
+
+
+def texts_of(engine: str, parts: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Encode the state of a run's end as texts: arrays by names, with their sizes, and the engine's name.
+
+    They are `provenance["end"]`, which `parts_of` reads.
+    """
+    found = {name: np.array(part, float) for name, part in parts.items()}
+    coded = {name: base64.b64encode(part.tobytes()).decode() for name, part in found.items()}
+    return {"engine": engine, "sizes": {name: part.size for name, part in found.items()}, **coded}
+
+
+def parts_of(end: Any, where: str) -> dict[str, Array]:
+    """The arrays (size,) of an end.
+
+    Raises:
+        FormatError: where it is damaged; `where` begins the message.
+    """
+    place, parts = "provenance.end", {}
+    try:
+        if not isinstance(end["engine"], str) or end.keys() != {"engine", "sizes", *end["sizes"]}:
+            raise KeyError
+        for name, size in end["sizes"].items():
+            place = f"provenance.end.{name}"
+            parts[name] = np.frombuffer(base64.b64decode(end[name], validate=True))
+            if len(parts[name]) != size or not (name == MAY_BE_NAN or np.isfinite(parts[name]).all()):
+                raise ValueError
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise FormatError(
+            f"{where}: {place} is not the state of a run's end: the file is damaged or was changed; simulate that run "
+            "again"
+        ) from None
+    return parts

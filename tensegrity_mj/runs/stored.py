@@ -24,11 +24,10 @@ from tensegrity_mj.basics.matfile import legal_names, save_mat
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs import recorded as known
-from tensegrity_mj.runs.end_state import parts_of
 from tensegrity_mj.runs.flow_regime import loaded_by_water
 from tensegrity_mj.runs.flow_regime import water_loads as loads_of_water
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
-from tensegrity_mj.runs.recorded import RecordedRun
+from tensegrity_mj.runs.recorded import RecordedRun, parts_of
 
 if TYPE_CHECKING:
     import pandas

@@ -24,8 +24,7 @@ from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines import request, requirements, table
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.linearization.chart import Chart, chart_of
-from tensegrity_mj.linearization.differences import reach_of
-from tensegrity_mj.linearization.linearizing import linearize
+from tensegrity_mj.linearization.linearizing import linearize, reach_of
 from tensegrity_mj.model.rods import kinetic_energy
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics.modes import Modes

@@ -15,7 +15,7 @@ import tensegrity_mj as tmj
 from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.library.truss_arm import truss_arm
-from tensegrity_mj.linearization.differences import central, reach_of
+from tensegrity_mj.linearization.linearizing import central, reach_of
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.rigidity import free_motions
 from tensegrity_mj.model.scene import Scene

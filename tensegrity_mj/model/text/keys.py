@@ -13,7 +13,7 @@ MOST_POSITIONS = (
 )
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
-# `defaults` and `groups` are written out in the members when a file is read (`structures`).
+# `defaults` and `groups` are written out in the members when a file is read (`reading`).
 MEMBER_KEYS = ("rods", "strings", "point_masses", "constraints", "bodies")
 STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", *MEMBER_KEYS, "defaults", "groups")
 SUPPORT_KEYS = {

@@ -24,7 +24,7 @@ from tensegrity_mj.model.scene import Scene, Whole
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text import keys as known
-from tensegrity_mj.model.text.structures import SHARED, SHARING
+from tensegrity_mj.model.text.reading import SHARED, SHARING
 
 BY_NUMBER = {"waypoints": known.WAYPOINT_KEYS, "shapes": known.SHAPE_KEYS}
 NODES = {"type": "object", "additionalProperties": dict(vector("m").schema), "description": "node = [x, y, z]"}
