@@ -22,7 +22,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_definite, check_known, real_array
 from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.dynamics.kernels import place_ends, rod_accelerations, wet_rod_accelerations
@@ -110,40 +110,46 @@ def gain_records(
         for name in given if isinstance(given, Mapping) else ():
             check_known(what, name, known, kind)
     records = np.zeros(len(names), GAINS)
-    for number, (name, size) in enumerate(zip(names, sizes, strict=True)):
-        blocks = [("z", translation, size)]
-        if number < len(structure.rods):
-            blocks.append(("b", rotation, 3))
-        for block, given, n in blocks:
-            gains: Any = given.get(name, Gains()) if isinstance(given, Mapping) else given
-            if n == 0:
-                continue
-            if _plainly_definite(gains):
-                X, Y, Z = (float(one) * np.eye(n) for one in (gains.X, gains.Y, gains.Z))
-            else:
-                X, Y, Z = _checked(gains, n, block, name)
-            for key, matrix in (("X", X), ("Y", Y), ("Z", Z)):
-                records[number][f"{key}{block}"][:n, :n] = matrix
-        if number < len(structure.rods):
-            value = stiffness.get(name, 0.0) if isinstance(stiffness, Mapping) else stiffness
-            K = _matrix(value, 3, f"K of '{name}'")
-            check_definite(f"stiffness K of '{name}' (6.6)", K, semi=True)
-            records[number]["Kb"] = K
+    blocks = _blocks_of(records)
+    for number, (name, n) in enumerate(zip(names, sizes, strict=True)):
+        if n > 0:
+            blocks[number, :3, :n, :n] = _checked(_of(translation, name, Gains()), n, "z", name)
+        if number < len(rods):
+            blocks[number, 3:6] = _checked(_of(rotation, name, Gains()), 3, "b", name)
+            blocks[number, 6] = _stiffness(_of(stiffness, name, 0.0), name)
     return records
 
 
-def _plainly_definite(gains: Gains) -> bool:
-    """Return whether X, Y, Z are numbers with X > 0, Z > 0 and X Z > Y² by more than round-off."""
+def _of(given: Any, name: str, default: Any) -> Any:
+    return given.get(name, default) if isinstance(given, Mapping) else given
+
+
+def _blocks_of(gains: np.ndarray[Any, Any]) -> Array:
+    """(K, 7, 3, 3): a view of K records of gains, matrix by matrix in the order of `GAINS`."""
+    return gains.view(float).reshape(-1, 7, 3, 3)
+
+
+def _is_plain(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) < 1e100
+
+
+def _stiffness(value: Any, name: str) -> Array:
+    """K (3, 3) of a rod, which is semidefinite; OptionError where not."""
+    if _is_plain(value) and value >= 0:
+        return float(value) * np.eye(3)
+    K = _matrix(value, 3, f"K of '{name}'")
+    check_definite(f"stiffness K of '{name}' (6.6)", K, semi=True)
+    return K
+
+
+def _checked(gains: Gains, n: int, block: str, name: str) -> Array:
+    """X, Y, Z (3, n, n) of a block of a rod or point mass, of which [X Y; Yᵀ Z] is definite; OptionError where not."""
     numbers: tuple[Any, ...] = (gains.X, gains.Y, gains.Z)
-    if not all(type(one) in (int, float) and abs(one) < 1e100 for one in numbers):
-        return False
-    X, Y, Z = (float(one) for one in numbers)
-    return X > 0 and Z > 0 and X * Z > (1 + 1e-12) * Y * Y
-
-
-def _checked(gains: Gains, n: int, block: str, name: str) -> tuple[Array, Array, Array]:
-    """X, Y, Z (n, n) of a block of a rod or point mass, of which [X Y; Yᵀ Z] is definite; OptionError where not."""
-    X, Y, Z = (_matrix(getattr(gains, key), n, f"{key}{block} of '{name}'") for key in ("X", "Y", "Z"))
+    if all(map(_is_plain, numbers)):
+        x, y, z = map(float, numbers)
+        if x > 0 and z > 0 and x * z > (1 + 1e-12) * y * y:  # by more than round-off
+            return np.asarray(np.multiply.outer((x, y, z), np.eye(n)))
+    X, Y, Z = (_matrix(one, n, f"{key}{block} of '{name}'") for key, one in zip("XYZ", numbers, strict=True))
     where = f"gains of '{name}', block {block}"
     check_definite(f"{where}: X", X)
     check_definite(f"{where}: Z", Z)
@@ -153,7 +159,7 @@ def _checked(gains: Gains, n: int, block: str, name: str) -> tuple[Array, Array,
         (schur + schur.T) / 2,
         remedy=": enlarge X or Z, or reduce Y",
     )
-    return X, Y, Z
+    return np.array([X, Y, Z])
 
 
 def _matrix(value: ArrayLike, n: int, what: str) -> Array:
@@ -330,23 +336,17 @@ def quadratic_terms(
 
 def world_gains(gains: np.ndarray[Any, Any], members: list[Any]) -> np.ndarray[Any, Any]:
     """Turn gains to world components, as if b and r were free: E X Eᵀ for z = Eᵀ r, X and Z made symmetric."""
-    found = np.zeros(len(gains), WORLD_GAINS)
-    for name in GAINS.names or ():
-        found[name] = gains[name]
-    E = np.array([member["E"] for member in members]).reshape(-1, 3, 3)  # columns beyond nz are zero
-    sizes = np.array([int(member["nz"]) for member in members])
-    found["scalars_z"] = _scalars([gains[name] for name in ("Xz", "Yz", "Zz")], sizes)
-    found["scalars_b"] = _scalars([gains[name] for name in ("Xb", "Yb", "Zb")], np.full(len(gains), 3))
-    for name in ("Xz", "Yz", "Zz"):
-        found[name] = E @ gains[name] @ E.swapaxes(1, 2)
-    for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
-        found[name] = 0.5 * (found[name] + found[name].swapaxes(1, 2))
+    found, blocks = np.zeros(len(gains), WORLD_GAINS), _blocks_of(gains)
+    E = np.array([member["E"] for member in members]).reshape(-1, 1, 3, 3)  # columns beyond nz are zero
+    sizes = np.array([[int(member["nz"])] * 3 + [3] * 3 for member in members]).reshape(-1, 6)
+    # x, y, z of X = x 1, Y = y 1, Z = z 1 in their leading coordinates; else zeros.
+    first = blocks[:, :6, 0, 0]
+    ones = np.eye(3) * (np.arange(3) < sizes[:, :, None])[:, :, None]
+    same = (first[:, :, None, None] * ones == blocks[:, :6]).all(axis=(2, 3)).reshape(-1, 2, 3).all(axis=2)
+    found["scalars_z"], found["scalars_b"] = (first.reshape(-1, 2, 3) * same[:, :, None]).swapaxes(0, 1)
+    world = blocks.copy()
+    world[:, :3] = E @ blocks[:, :3] @ E.swapaxes(2, 3)
+    even = 0.5 * (world + world.swapaxes(2, 3))
+    for number, name in enumerate(GAINS.names or ()):
+        found[name] = world[:, number] if name[0] == "Y" else even[:, number]
     return found
-
-
-def _scalars(matrices: list[Array], sizes: IntArray) -> Array:
-    """x, y, z (K, 3) of K matrices X = x 1, Y = y 1, Z = z 1 in their leading coordinates; else zeros."""
-    found = np.stack([matrix[:, 0, 0] for matrix in matrices], axis=1)
-    ones = np.eye(3) * (np.arange(3) < sizes[:, None])[:, None]
-    same = [(x[:, None, None] * ones == A).all(axis=(1, 2)) for A, x in zip(matrices, found.T, strict=True)]
-    return np.where(np.all(same, axis=0)[:, None], found, 0.0)

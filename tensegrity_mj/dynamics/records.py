@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.model.capabilities import require_class_1
 from tensegrity_mj.model.rods import centers_and_moments, inertia_terms
 from tensegrity_mj.model.structure import Structure
 
 Records = np.ndarray[Any, Any]
+_made = Remembered()  # rods, points and nq of structures of class 1, which all that read them share
 
 # q of a rod is (z, β): r = anchor + E z (2.41) and b = B β, with B the identity in space, a plane's basis if planar.
 ROD = np.dtype(
@@ -144,11 +146,15 @@ class StructureRecords(MemberRecords):
             StructureError: where rods share nodes; `linked.LinkedRecords` has the model of those.
         """
         require_class_1(structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
+        return cls(structure, *_made.get(structure, "", lambda: cls._make(structure)))
+
+    @staticmethod
+    def _make(structure: Structure) -> tuple[Records, Records, int]:
         rods = rod_records(structure)
         sizes = rods["nz"] + rods["nb"]
         rods["q"] = np.cumsum(sizes) - sizes
         points = point_records(structure, int(sizes.sum()))
-        return cls(structure, rods, points, int(sizes.sum() + points["nz"].sum()))
+        return rods, points, int(sizes.sum() + points["nz"].sum())
 
     @cached_property
     def affine_map(self) -> tuple[Array, Array]:

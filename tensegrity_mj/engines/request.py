@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tensegrity_mj.basics.arrays import Array
@@ -148,6 +149,12 @@ class ReadyRun:
 
     run: Callable[[], Trajectory]
     plant: Plant | None = None
+
+    @classmethod
+    def of(cls, engine: Any, request: Request) -> ReadyRun:
+        """A request prepared by its engine; `engine.run` as it is of one that has no `prepare`."""
+        prepare: Any = getattr(engine, "prepare", None)
+        return cls(partial(engine.run, request)) if prepare is None else prepare(request)
 
 
 class Accelerations(Protocol):

@@ -355,23 +355,28 @@ def null_space_basis(rows: Array) -> Array:
     Columns are aligned with world axes where those are admissible, so that axis-parallel supports give
     unit vectors exactly.
     """
-    if len(rows) == 0:
-        return np.eye(3)
+    if all(sum(map(bool, row)) == 1 for row in rows.tolist()):  # along axes, or none
+        return np.eye(3)[:, ~rows.any(axis=0)]
+    return null_space_bases(rows[None])[0]
+
+
+def null_space_bases(stack: Array) -> Array:
+    """(K, 3, 3 - r) the bases of `null_space_basis` for a stack of rows (K, r, 3) of one rank."""
     # Unit rows: the length of the row that states a direction does not matter.
-    _, singular, vt = np.linalg.svd(rows / np.sqrt((rows * rows).sum(axis=1))[:, None])
-    rank = int(np.sum(singular > 1e-9 * singular[0]))
-    projector = vt[rank:].T @ vt[rank:]
-    basis: list[Array] = []
-    for _ in range(3 - rank):
+    _, singular, vt = np.linalg.svd(stack / np.sqrt((stack * stack).sum(axis=2))[..., None])
+    rank = int(np.sum(singular[:1] > 1e-9 * singular[:1, :1]))
+    projector = vt[:, rank:].swapaxes(1, 2) @ vt[:, rank:]
+    basis, each = np.empty((len(stack), 3 - rank, 3)), np.arange(len(stack))
+    for number in range(3 - rank):
         # The most admissible world axis next (Gram-Schmidt with pivoting).
-        lengths = np.sqrt((projector * projector).sum(axis=0))
-        axis = int(lengths.round(9).argmax())
-        column = projector[:, axis] / lengths[axis]
+        lengths = np.sqrt((projector * projector).sum(axis=1))
+        axis = lengths.round(9).argmax(axis=1)
+        column = projector[each, :, axis] / lengths[each, axis, None]
         column[np.abs(column) < 1e-16] = 0.0
-        column /= np.sqrt(column.dot(column))
-        basis.append(column)
-        projector = projector - np.outer(column, column @ projector)
-    return np.array(basis).reshape(-1, 3).T
+        column /= np.sqrt(column[:, None] @ column[:, :, None])[:, 0]
+        basis[:, number] = column
+        projector = projector - column[:, :, None] * (column[:, None] @ projector)
+    return basis.swapaxes(1, 2)
 
 
 def unit_rows(rows: Array) -> Array:

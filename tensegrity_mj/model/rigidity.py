@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.basics.arrays import Array, IntArray, norm
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.members import null_space_bases
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
 
@@ -138,28 +138,34 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
     columns: list[Array] = []
 
     def add(weights: dict[int, float], directions: Array) -> None:
-        for direction in directions.T:
-            motion = np.zeros((count, 3))
-            for row, weight in weights.items():
-                motion[row] = weight * direction
-            columns.append(motion.ravel())
+        motions = np.zeros((directions.shape[1], count, 3))
+        for row, weight in weights.items():
+            motions[:, row] = weight * directions.T
+        columns.append(motions.reshape(-1, 3 * count))
 
     spans = spans_at(structure.rod_nodes, positions)
-    for rod, (i, j), span in zip(structure.rods, ends.tolist(), spans, strict=True):
+    planes = [rod.support.plane for rod in structure.rods]
+    across = [[span] if plane is None else [span, plane] for span, plane in zip(spans, planes, strict=True)]
+    turns: dict[int, Array] = {}  # b turns across these
+    for rows in ([row for row, one in enumerate(across) if len(one) == many] for many in (1, 2)):
+        if rows:
+            turns |= zip(rows, null_space_bases(np.array([across[row] for row in rows], float)), strict=True)
+    for row, (rod, (i, j)) in enumerate(zip(structure.rods, ends.tolist(), strict=True)):
         sigma = rod.support.sigma
         add({i: 1.0, j: 1.0}, rod.support.translation_basis)
-        across = [span] if rod.support.plane is None else [span, rod.support.plane]  # b turns across these
-        add({i: -sigma, j: 1.0 - sigma}, null_space_basis(np.array(across, float)))
+        add({i: -sigma, j: 1.0 - sigma}, turns[row])
     for point in structure.lone_masses:
         add({structure.node_index[point.node]: 1.0}, point.translation_basis)
     for frame in structure.moving_frames:
         moved = frame.motions(positions).reshape(3 * len(positions), 6)
-        columns += list(np.pad(moved, ((0, 3 * len(copied)), (0, 0))).T)
-    apart = np.zeros((len(copied), count))
-    apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
-    apart[np.arange(len(copied)), copied] -= 1.0
-    held = np.pad(structure.constraint_rows, ((0, 0), (0, 3 * len(copied))))
-    return np.array(columns).T, np.concatenate([np.kron(apart, np.eye(3)), held])
+        columns.append(np.pad(moved, ((0, 3 * len(copied)), (0, 0))).T)
+    held, gaps = structure.constraint_rows, 3 * len(copied)
+    apart = np.zeros((gaps + len(held), 3 * count))
+    gap = np.arange(gaps)
+    apart[gap, 3 * len(positions) + gap] = 1.0
+    apart[gap, (3 * np.array(copied, int)[:, None] + np.arange(3)).ravel()] -= 1.0
+    apart[gaps:, : 3 * len(positions)] = held
+    return np.concatenate(columns).T, apart
 
 
 def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> Array:

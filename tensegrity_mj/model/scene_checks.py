@@ -9,6 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.kinds import LARGEST
+from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.elements import contact, element, resistance, water
@@ -129,6 +130,8 @@ def check_configuration(
 
     Supports in `moved` (rod or fixed node -> displacement (3,) [m]) are that far from where the structure has them.
     """
+    if nodes is structure.positions and not moved:
+        return  # which they keep by being its reference
     limit, moved = CONSTRAINT_TOLERANCE * size_of(structure), moved or {}
     for name in structure.fixed_nodes:
         row = structure.node_index[name]
@@ -224,10 +227,16 @@ def _check_no_vanishing_string(scene: Scene) -> None:
 # Between the shapes of a curve a polynomial may stretch rods by this part of the structure's size; targets of rods are
 # normalised, so that it is the error of where they are that this bounds.
 CURVE_TOLERANCE = 1e-6
+_fitting = Remembered()  # targets that were found to fit, by structure
 
 
 def check_target(structure: Structure, target: Target) -> None:
     """Raise SceneError unless every waypoint is a configuration of the structure and times increase."""
+    # What is kept is the target, so that no other one has its id.
+    _fitting.get(structure, id(target), lambda: _check_target(structure, target))
+
+
+def _check_target(structure: Structure, target: Target) -> Target:
     count = len(structure.nodes)
     if target.nodes.ndim != 3 or target.nodes.shape[1:] != (count, 3) or len(target.times) != len(target.nodes):
         raise SceneError(
@@ -239,11 +248,12 @@ def check_target(structure: Structure, target: Target) -> None:
         raise SceneError(f"target: times {list(target.times)} must be finite, at most {LARGEST:g}, and increase")
     if target.along is not None:
         _check_curve(structure, target)
-        return
+        return target
     for number, nodes in enumerate(target.nodes):
         where = "target" if len(times) == 1 else f"target waypoint {number} (t = {times[number]} s)"
         check_node_array(structure, where, nodes)
         check_configuration(structure, nodes, where)
+    return target
 
 
 def _check_curve(structure: Structure, target: Target) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import re
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
@@ -98,7 +98,7 @@ def simulate(
     checked = None
     try:
         with interrupts.deferred(), np.errstate(over="ignore", invalid="ignore"):  # what diverges is an error by itself
-            ready = engine.prepare(request) if hasattr(engine, "prepare") else ReadyRun(partial(engine.run, request))
+            ready = ReadyRun.of(engine, request)
             checked = warn_before_run(scene, engine, law, actuation, ready.plant)
             run = ready.run()
     except DivergenceError as error:

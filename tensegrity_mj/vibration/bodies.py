@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array, IntArray, cross, norm
 from tensegrity_mj.model.bodies import Frame
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.rods import inertia_of_rods
@@ -120,14 +120,14 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     R, B, slots = len(bodies.length), len(bodies.mass), bodies.slots
     first, second = bodies.structure.rod_nodes.T
     b = (nodes[second] - nodes[first]) / bodies.length[:, None]
-    b = b / np.sqrt(np.sum(b * b, axis=1))[:, None]
+    b = b / norm(b)[:, None]
     planar = np.any(bodies.planes != 0, axis=1)
-    one = np.cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
-    one = one / np.sqrt(np.sum(one * one, axis=1))[:, None]
+    one = cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
+    one = one / norm(one)[:, None]
     T = np.zeros((B, 3, slots - 3))
     T[:R, :, 2:] = np.where(bodies.structure.elastic[:, None], b, 0.0)[:, :, None]
     T[:R, :, 0] = one
-    T[:R, :, 1] = np.where(planar[:, None], 0.0, np.cross(b, one))
+    T[:R, :, 1] = np.where(planar[:, None], 0.0, cross(b, one))
 
     M = np.zeros((B, slots, slots))
     M[:, :3, :3] = bodies.mass[:, None, None] * np.eye(3)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, dot, norm
 from tensegrity_mj.model.constraints import constraint_values
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
@@ -41,7 +41,7 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
         own = bodies.body[rows] == np.arange(R)
         at_ends[own, end] = forces[rows[own]]
     b_rate = _turning_rates(state)
-    turning = np.sum(b_rate * b_rate, axis=1)
+    turning = dot(b_rate, b_rate)
 
     pushed = np.zeros((B + 1, bodies.slots))
     np.add.at(pushed, bodies.body, np.einsum("nxs,nx->ns", motion.turned, forces))
@@ -65,9 +65,9 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     free = np.einsum("bij,bj->bi", motion.inverse, acceleration)
     r_acceleration = np.einsum("rxi,ri->rx", bodies.E[:R], free[:R, :3])
     t_b = np.sum(bodies.ends[:, :, None] * at_ends, axis=1) + bodies.f[:R, None] * weight[:R] + bends
-    along = np.sum(motion.b * (t_b - bodies.f[:R, None] * r_acceleration), axis=1)
+    along = dot(motion.b, t_b - bodies.f[:R, None] * r_acceleration)
     # Forces that cancel leave round-off, which is no stiffness.
-    noise = bodies.length * forces_round_off(state, sizes)[:R] + ROUND_OFF * np.linalg.norm(bends, axis=1)
+    noise = bodies.length * forces_round_off(state, sizes)[:R] + ROUND_OFF * norm(bends)
     along = np.where(np.abs(along) > noise, along, 0.0)
     bars = Bars.of(structure)
     _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
@@ -90,11 +90,11 @@ def forces_on_nodes(state: State, pulls: Array) -> tuple[Array, Array]:
     acting = [one for one in scene.effects if not isinstance(one, (BendingStiffness, BendingDamping, Water))]
     each = [forces_of([one], scene, state.time, state.nodes, state.velocities) for one in acting]
     forces = sum(each, np.zeros_like(state.nodes))
-    sizes = sum((np.linalg.norm(one, axis=1) for one in each), np.zeros(len(state.nodes)))
+    sizes = sum((norm(one) for one in each), np.zeros(len(state.nodes)))
     i, j = scene.structure.paths.nodes.T
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)
-    np.add.at(sizes, np.concatenate([i, j]), np.tile(np.linalg.norm(pulls, axis=1), 2))
+    np.add.at(sizes, np.concatenate([i, j]), np.tile(norm(pulls), 2))
     return forces, sizes
 
 
@@ -105,8 +105,9 @@ def forces_round_off(state: State, sizes: Array) -> Array:
     """
     bodies = state.bodies
     B = len(bodies.mass)
-    own = np.bincount(bodies.body, sizes, minlength=B + 1)[:B]
-    own += bodies.mass * np.linalg.norm(np.array(state.scene.gravity) - _driven(state), axis=1)
+    own = np.bincount(bodies.body, sizes, minlength=B + 1)[:B] + bodies.mass * norm(
+        np.array(state.scene.gravity) - _driven(state)
+    )
     return np.asarray(ROUND_OFF * own + (0.0 if state.joints is None else 3 * B * EPS * own.sum()))
 
 

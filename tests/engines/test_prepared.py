@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics import records
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.mujoco import prepared as preparing
@@ -20,7 +21,7 @@ from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.reference.dae import Solver
 from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import DivergenceError, StabilityWarning
-from tensegrity_mj.model import Contact, Motion
+from tensegrity_mj.model import Contact, Motion, scene_checks
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Support
 from tensegrity_mj.model.strings import StringLaw
@@ -253,3 +254,24 @@ def test_a_run_gives_its_model_and_data_to_the_next_one_of_the_layout() -> None:
     assert not np.array_equal(first.nodes[-1], changed.nodes[-1])
     tmj.simulate(tmj.load_scene("pinned_rod"), None, engine, duration=0.01)
     assert preparing._spare["last"] is not lent
+
+
+@pytest.mark.parametrize("engine", [tmj.MuJoCo(1e-3), tmj.DAE(method="rk4", timestep=1e-3)], ids=str)
+def test_a_run_of_a_fresh_scene_makes_no_part_twice(engine: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: dict[str, int] = {"rod_records": 0, "_deviations": 0}
+
+    def counted(module: Any, name: str) -> None:
+        of_module = getattr(module, name)
+
+        def count(*arguments: Any) -> Any:
+            made[name] += 1
+            return of_module(*arguments)
+
+        monkeypatch.setattr(module, name, count)
+
+    scene = tmj.load_scene("prism")
+    counted(records, "rod_records")
+    counted(scene_checks, "_deviations")
+    tmj.simulate(scene, engine=engine, duration=2e-3)
+    # Law and engine share the records; the scene has checked its start and its target, and reference nodes fit anyway.
+    assert made == {"rod_records": 1, "_deviations": 0}
