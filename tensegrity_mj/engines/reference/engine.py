@@ -29,7 +29,7 @@ ATOL = number("> 0 and at most 1e-2", lambda x: 0 < x <= 1e-2)
 # What the methods work with, in numbers of the size of the state.
 DOUBLE = 8  # bytes
 RK4_VECTORS = 6  # the state, four rates, a trial state
-DOP853_VECTORS = 22  # 16 rates with those of the dense output (SciPy's K_extended), state, old state, dense output
+DOP853_VECTORS = 28  # 16 rates with those of the dense output, its 7 powers, the state at both ends, three of scratch
 RADAU_VECTORS = 15  # three stages in three forms, state, rates, dense output
 RADAU_MATRICES = 4  # the Jacobian, and two factored matrices of which one is complex
 

@@ -150,9 +150,9 @@ def guard(y: Any, table: int) -> int:
 def observe(y: Any, table: int, row: Any) -> None:
     """Write the state that `rates` saw last as a row, λ behind it."""
     model = ModelView(table)
-    work, width, multipliers = model.state_size - WORK, model.row_width, model.multipliers
+    work = model.state_size - WORK
     write_row(table, y[work], y[work + 1], y[work + 2], row)
-    row[width : width + len(multipliers)] = multipliers
+    copy(model.multipliers, row[model.row_width :])
 
 
 @njit
