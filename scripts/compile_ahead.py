@@ -54,22 +54,18 @@ def main() -> None:
             if ship:
                 function.ship(kept.SHIPPED)
         if todo and not ship:
-            _run_engines()
+            _run_ode()
     if todo:
         text = f"Compiled {len(todo)} functions in {time.monotonic() - begun:.0f} s"
         print(f"\r{text:<100}" if watched else text, file=sys.stderr)
 
 
-def _run_engines() -> None:
-    """Short runs: what Python calls of the reference engines is kept, too."""
+def _run_ode() -> None:
+    """A short run of the one engine that calls numba's functions from Python, so that they are kept, too."""
     import tensegrity_mj as tmj
 
     scene = tmj.load_scene("prism")
-    law = tmj.controllers.from_scene(scene)
-    tmj.simulate(scene, law, tmj.MuJoCo(1e-3), duration=0.01)
-    for engine in (tmj.DAE(), tmj.ODE()):
-        tmj.simulate(scene, law, engine, duration=0.01)
-    tmj.simulate(tmj.load_scene("cable"), None, tmj.DAE(), duration=0.01)
+    tmj.simulate(scene, tmj.controllers.from_scene(scene), tmj.ODE(), duration=0.01)
 
 
 if __name__ == "__main__":

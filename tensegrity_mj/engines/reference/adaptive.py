@@ -14,22 +14,8 @@ from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines import driving, recording, reports
-from tensegrity_mj.engines.reference import controlled
+from tensegrity_mj.engines.reference import controlled, dop853
 from tensegrity_mj.engines.reference.controlled import JUMP, SAMPLE, SWITCH_TOLERANCE
-from tensegrity_mj.engines.reference.dop853 import (
-    BEYOND_FLOATS,
-    CONTROLLED,
-    ENDED,
-    FAILED,
-    PAUSED,
-    POWERS,
-    SLIDES,
-    STAGES_IN_ALL,
-    TOO_SHORT,
-    UNHELD,
-    UNSOLVED,
-    dop853_step,
-)
 from tensegrity_mj.engines.reference.equations import guard, observe, rates
 from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
@@ -74,7 +60,7 @@ class ErrorControlled:
         # the solver steps onto the output times.
         marks = marks_of(run.request, self.times, with_outputs=not explicit)
         size, strings = len(run.y), self.plant["string_count"]
-        self.own = own = Table("Controlled", CONTROLLED)
+        self.own = own = Table("Controlled", dop853.CONTROLLED)
         own.set(
             table=self.table,
             sampled=run.request.sampled,
@@ -89,14 +75,14 @@ class ErrorControlled:
             times=self.times,
             rows=self.rows,
             y=run.y,
-            stages=np.zeros((STAGES_IN_ALL, size)),
-            powers=np.zeros((POWERS, size)),
+            stages=np.zeros((dop853.STAGES_IN_ALL, size)),
+            powers=np.zeros((dop853.POWERS, size)),
             **{name: np.zeros(size) for name in ("new", "x", "dy", "error")},
             **{name: np.zeros(strings, np.int64) for name in ("near", "longest")},
             gaps=np.zeros(strings),
         )
         self.radau = None if explicit else RadauSteps(own, self.plant)
-        own["method"] = dop853_step.address if self.radau is None else self.radau.address
+        own["method"] = dop853.dop853_step.address if self.radau is None else self.radau.address
 
     def integrate(self) -> Trajectory:
         """The whole run.
@@ -106,19 +92,19 @@ class ErrorControlled:
         """
         _ = controlled.advance.address  # compiles
         self.clock = driving.Stopwatch(self.request)
-        came_to = PAUSED
+        came_to = dop853.PAUSED
         with driving.progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
             for _, count in driving.chunks(self.options.max_steps):
                 came_to = self._advance(count)
                 show(self.own["t"])
-                if came_to != PAUSED:
+                if came_to != dop853.PAUSED:
                     break
-        if came_to == ENDED:
+        if came_to == dop853.ENDED:
             run = self._finish(self.times, self.rows[:-1], Status.COMPLETED, "", switches=self.own["switches"])
             check_energy(run, "tighten rtol and atol")
             return run
-        if came_to in (UNSOLVED, UNHELD):
-            return self._stopped(Status.INFEASIBLE if came_to == UNSOLVED else Status.SINGULAR)
+        if came_to in (dop853.UNSOLVED, dop853.UNHELD):
+            return self._stopped(Status.INFEASIBLE if came_to == dop853.UNSOLVED else Status.SINGULAR)
         raise self._failure(came_to)
 
     def _advance(self, count: int) -> int:
@@ -126,7 +112,7 @@ class ErrorControlled:
         while count:
             piece = min(count, LOOK_AFTER - self.own["steps"] % LOOK_AFTER)
             came_to = controlled.advance(self.own.address, piece)
-            if came_to != PAUSED:
+            if came_to != dop853.PAUSED:
                 return int(came_to)
             count -= piece
             steps, t = self.own["steps"], self.own["t"]
@@ -137,21 +123,21 @@ class ErrorControlled:
                 self.mark_of_progress = t
             if steps % LOOK_AFTER == 0:
                 self._check_drive()
-        return PAUSED
+        return dop853.PAUSED
 
     def _failure(self, came_to: int) -> BaseException:
         """The error of a run that cannot go on from where it came to."""
         own, error = self.own, self.radau.error if self.radau else None
-        if came_to == FAILED:
+        if came_to == dop853.FAILED:
             self.plant.raise_if_failed(max(own["answer"], self.plant["status"]), own["failed_at"])
-        if came_to == SLIDES:
+        if came_to == dop853.SLIDES:
             return OptionError(
                 f"the law lost and regained its solution {own['switches']} times by t = {own['t']:.6g} s: it slides "
                 "along the boundary of the admissible set, which the continuous mode cannot resolve; run it sampled"
             )
-        if came_to == BEYOND_FLOATS:
+        if came_to == dop853.BEYOND_FLOATS:
             return self._given_up(*BEYOND)
-        if came_to == TOO_SHORT:
+        if came_to == dop853.TOO_SHORT:
             return self._given_up("the step size fell below what double precision resolves")
         if isinstance(error, ValueError | np.linalg.LinAlgError) and not isinstance(error, TensegrityError):
             return self._given_up(f"{BEYOND[0]} ({error})", BEYOND[1])  # matrices that are not finite

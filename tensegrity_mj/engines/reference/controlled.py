@@ -29,7 +29,6 @@ from tensegrity_mj.engines.reference.dop853 import (
     Controlled,
     evaluate,
     interpolate,
-    make_dense,
     spacing,
 )
 from tensegrity_mj.engines.reference.equations import (
@@ -56,7 +55,7 @@ HELD, ANSWERED, STRETCHED = range(3)  # what ceases at an instant that is locate
 def _answers(own: Any, t: float, y: Any) -> bool:
     """Return whether the law has a solution at a state; `trouble` where that is not known."""
     trouble = evaluate(own, t, y, own.dy)
-    if trouble != GOING:
+    if trouble:
         own.trouble = trouble
         return False
     if ModelView(own.table).suspended:
@@ -78,7 +77,9 @@ def _stretched(own: Any, y: Any) -> bool:
 
 @borrowing
 def _holds(own: Any, what: int, t: float) -> bool:
-    interpolate(own, t, own.x)
+    own.trouble = interpolate(own, t, own.x)
+    if own.trouble:
+        return False
     if what == HELD:
         return guard(own.x, own.table) != SINGULAR
     if what == STRETCHED:
@@ -122,7 +123,7 @@ def _record(own: Any, t: float, y: Any) -> int:
     """Write the next row, a state at a time."""
     if not (own.fresh and t == own.end):
         answer = evaluate(own, t, y, own.dy)
-        if answer != GOING:
+        if answer:
             return answer
     suspended = ModelView(own.table).suspended != 0
     watch_strings(own.table, t, own.continuous and not suspended and own.answer == SOLVED)
@@ -165,11 +166,9 @@ def _switch(own: Any) -> int:
         model.suspended = 0
         return GOING
     answer = evaluate(own, own.t, own.y, own.dy)
-    if answer != GOING:
-        return answer
-    if own.answer == SOLVED:
+    if answer == GOING and own.answer == SOLVED:
         remember(own.table)
-    return _suspend(own)
+    return answer or _suspend(own)
 
 
 @borrowing
@@ -180,10 +179,8 @@ def _start(own: Any) -> int:
         start_ledger(table)
         return UNHELD
     break_due_strings(own.t, own.y, table)
-    answer = _sample(own) if own.sampled else GOING
-    if answer == GOING:
-        answer = evaluate(own, own.t, own.y, own.dy)
-    if answer != GOING:
+    answer = (_sample(own) if own.sampled else GOING) or evaluate(own, own.t, own.y, own.dy)
+    if answer:
         return answer
     watch_strings(table, own.t, own.continuous and own.answer == SOLVED)
     start_ledger(table)
@@ -191,7 +188,7 @@ def _start(own: Any) -> int:
         answer = _suspend(own)
     elif own.continuous:
         remember(table)
-    return _record(own, own.t, own.y) if answer == GOING else answer
+    return answer or _record(own, own.t, own.y)
 
 
 @borrowing
@@ -219,7 +216,7 @@ def _step(own: Any, own_at: int, mark: float, jumps: bool) -> int:
     """One accepted step, its rows, and an event within it that ends it."""
     model, new, x = ModelView(own.table), own.new, own.x
     answer = _try(own, own_at, mark)
-    if answer != GOING:
+    if answer:
         return answer
     own.steps += 1
     holds = own.continuous or model.holds_force_density
@@ -229,16 +226,13 @@ def _step(own: Any, own_at: int, mark: float, jumps: bool) -> int:
             own.longest_step, own.careful_until = (own.end - own.t) / LOOKS, max(own.careful_until, own.end)
             own.begun = 0
             return GOING
-        if answer != GOING:
+        if answer:
             return answer
     if own.end >= own.careful_until:
         own.longest_step = math.inf
     own.first_step = own.h
     end, stuck, switched, turned = own.end, guard(new, own.table) == SINGULAR, False, False
     if stuck:
-        answer = make_dense(own)
-        if answer != GOING:
-            return answer
         end, _ = _bracket(own, HELD, own.end, SWITCH_TOLERANCE)
         interpolate(own, end, x)
     if own.continuous:
@@ -248,32 +242,25 @@ def _step(own: Any, own_at: int, mark: float, jumps: bool) -> int:
         else:
             switched = _answers(own, end, x if stuck else new) != was
         if switched and own.trouble == GOING:
-            answer, stuck = make_dense(own), False
-            if answer != GOING:
-                return answer
+            stuck = False
             # On the far side when regained (the law must have a solution there), on the near side when lost.
             before, after = _bracket(own, ANSWERED, end, SWITCH_TOLERANCE)
             end = before if was else after
     if model.yielding and not switched and _turns(own):
-        answer = make_dense(own)
-        if answer != GOING:
-            return answer
         _, turn = _bracket(own, STRETCHED, end, 0.0)
         turned, stuck, end = turn < end, stuck and turn == end, turn
-    if own.trouble != GOING:
+    if own.trouble:
         return own.trouble
     answer = _outputs(own, end, jumps and end == mark)
-    if answer == GOING and (stuck or switched or turned) and end < own.end:
-        answer = make_dense(own)
-    if answer != GOING:
+    if answer == GOING and end < own.end:
+        answer = interpolate(own, end, x)
+    if answer:
         return answer
-    whole = end == own.end
-    if whole:
+    if end < own.end:
+        copy(x, own.y)
+    else:
         copy(new, own.y)
         copy(own.stages[STAGES], own.stages[0])
-    else:
-        interpolate(own, end, x)
-        copy(x, own.y)
     own.t = end
     if stuck:
         return UNHELD
@@ -294,15 +281,9 @@ def _outputs(own: Any, end: float, before: bool) -> int:
     """Write the rows at times up to an end, or `before` it."""
     times = own.times
     while own.next < len(times) and (times[own.next] < end or (times[own.next] == end and not before)):
-        t, answer = times[own.next], GOING
-        if t == own.end:
-            answer = _record(own, t, own.new)
-        else:
-            answer = make_dense(own)
-            if answer == GOING:
-                interpolate(own, t, own.x)
-                answer = _record(own, t, own.x)
-        if answer != GOING:
+        t = times[own.next]
+        answer = _record(own, t, own.new) if t == own.end else interpolate(own, t, own.x) or _record(own, t, own.x)
+        if answer:
             return answer
     return GOING
 
@@ -314,13 +295,13 @@ def _arrive(own: Any) -> int:
     if model.project_function:
         project(own.y, table)
         answer = evaluate(own, own.t, own.y, own.stages[0])
-        if answer != GOING:
+        if answer:
             return answer
         own.fresh = 1
     if own.continuous and not model.suspended:
         if not own.fresh:
             answer = evaluate(own, own.t, own.y, own.dy)
-            if answer != GOING:
+            if answer:
                 return answer
         watch_strings(table, own.t, True)
         remember(table)
@@ -335,7 +316,7 @@ def advance(own_at, count):  # type: ignore[no-untyped-def]
     if not own.started:
         own.started = 1
         answer = _start(own)
-        if answer != GOING:
+        if answer:
             return answer
     while own.mark < len(marks):
         mark, kind = marks[own.mark], kinds[own.mark]
@@ -344,18 +325,18 @@ def advance(own_at, count):  # type: ignore[no-untyped-def]
                 return PAUSED
             taken += 1
             answer = _step(own, own_at, mark, kind & JUMP != 0)
-            if answer != GOING:
+            if answer:
                 return answer
         if break_due_strings(own.t, own.y, own.table):
             own.begun = 0
         answer = _sample(own) if kind & SAMPLE else GOING
         while answer == GOING and kind & JUMP and own.next < len(own.times) and own.times[own.next] <= mark:
             answer = _record(own, own.t, own.y)
-        if answer != GOING:
+        if answer:
             return answer
         own.mark += 1
     while own.next < len(own.times):
         answer = _record(own, own.t, own.y)
-        if answer != GOING:
+        if answer:
             return answer
     return ENDED

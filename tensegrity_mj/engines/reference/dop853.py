@@ -24,26 +24,13 @@ from tensegrity_mj.engines.reference.equations import SINGULAR, rates
 
 STAGES, EXTRA, POWERS = 12, 3, 7  # stages of a step, more for its dense output, and powers of that
 STAGES_IN_ALL = STAGES + 1 + EXTRA
-NODES = np.array(
-    [
-        0,
-        0.0526001519587677318785587544488,
-        0.0789002279381515978178381316732,
-        0.118350341907227396726757197510,
-        0.281649658092772603273242802490,
-        1 / 3,
-        1 / 4,
-        4 / 13,
-        0.651282051282051282051282051282,
-        0.6,
-        6 / 7,
-        1,
-        1,
-        0.1,
-        0.2,
-        7 / 9,
-    ]
-)
+# Parts of a step at which its stages are, of 30 digits.
+_NODES = """
+0 0.0526001519587677318785587544488 0.0789002279381515978178381316732 0.118350341907227396726757197510
+0.281649658092772603273242802490 0.333333333333333333333333333333 0.25 0.307692307692307692307692307692
+0.651282051282051282051282051282 0.6 0.857142857142857142857142857143 1 1 0.1 0.2 0.777777777777777777777777777778
+"""
+NODES = np.array(_NODES.split(), float)
 # Rows of weights: of the stages 1 to 11; of the end of a step (12); of the dense output's stages 13 to 15; of the
 # errors of order 3 and 5; of the dense output's powers 3 to 6. Each row: its number, then column and weight in turn.
 NEW, ERROR_3, ERROR_5, DENSE = 12, 16, 17, 18
@@ -127,7 +114,7 @@ SAFETY, LEAST_FACTOR, MOST_FACTOR = 0.9, 0.2, 10.0  # of the next step
 FIRST, QUIET = 1e-6, 1e-5  # [s] a first step where the state or its rates are no larger than a part of the tolerance
 LEAST_TIME = 1e-300  # [s], below which no two instants are told apart
 
-# What a step of a method answers, and a run that goes on for some steps.
+# Answers of a step of a method, and of a run that goes on for some steps; all but GOING end both.
 GOING, ENDED, PAUSED, UNSOLVED, UNHELD, FAILED, TOO_SHORT, BEYOND_FLOATS, SLIDES, RAISED, PULLED = range(11)
 
 CONTROLLED = fields_of(
@@ -234,7 +221,7 @@ def _begin(own: Any, bound: float) -> int:
     """Evaluate the first stage at a new beginning, and choose the step to try."""
     y, f, x, dy = own.y, own.stages[0], own.x, own.dy
     answer = evaluate(own, own.t, y, f)
-    if answer != GOING:
+    if answer:
         return answer
     left, size = bound - own.t, float(len(y))
     if own.first_step > 0.0:
@@ -251,7 +238,7 @@ def _begin(own: Any, bound: float) -> int:
     for i in range(len(y)):
         x[i] = y[i] + h0 * f[i]
     answer = evaluate(own, own.t + h0, x, dy)
-    if answer != GOING:
+    if answer:
         return answer
     for i in range(len(y)):
         d2 += ((dy[i] - f[i]) / (own.atol + abs(y[i]) * own.rtol)) ** 2
@@ -283,7 +270,7 @@ def _error(own: Any, h: float) -> float:
 def _step(own: Any, bound: float) -> int:
     if not own.begun:
         answer = _begin(own, bound)
-        if answer != GOING:
+        if answer:
             return answer
     if not np.isfinite(own.h):  # such a step would be tried for ever
         return BEYOND_FLOATS
@@ -295,13 +282,13 @@ def _step(own: Any, bound: float) -> int:
         h = end - t
         for stage in range(1, STAGES):
             answer = _stage(own, stage, h)
-            if answer != GOING:
+            if answer:
                 return answer
         _sum(NEW, STAGES, stages, x)
         for i in range(len(y)):
             new[i] = y[i] + h * x[i]
         answer = evaluate(own, end, new, stages[STAGES])
-        if answer != GOING:
+        if answer:
             return answer
         error = _error(own, h)
         factor = MOST_FACTOR if error == 0.0 else SAFETY / _eighth_root(error)
@@ -328,7 +315,7 @@ def make_dense(own: Any) -> int:
     y, new, stages, powers, h = own.y, own.new, own.stages, own.powers, own.end - own.t
     for stage in range(STAGES + 1, STAGES_IN_ALL):
         answer = _stage(own, stage, h)
-        if answer != GOING:
+        if answer:
             return answer
     for i in range(len(y)):
         change = new[i] - y[i]
@@ -344,11 +331,15 @@ def make_dense(own: Any) -> int:
 
 
 @borrowing
-def interpolate(own: Any, t: float, out: Any) -> None:
-    """The state at a time within the step, whose dense output is known."""
+def interpolate(own: Any, t: float, out: Any) -> int:
+    """The state at a time within the step; the answer of `make_dense`."""
+    answer = make_dense(own)
+    if answer:
+        return answer
     y, powers, part = own.y, own.powers, (t - own.t) / (own.end - own.t)
     for i in range(len(out)):
         value = 0.0
         for k in range(POWERS - 1, -1, -1):
             value = (value + powers[k, i]) * (part if k % 2 == 0 else 1.0 - part)
         out[i] = y[i] + value
+    return GOING

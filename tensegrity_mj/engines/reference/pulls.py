@@ -24,7 +24,7 @@ def pulls_within(own: Any) -> int:
     if not _may_pull(own):
         return GOING
     answer = make_dense(own)
-    if answer != GOING:
+    if answer:
         return answer
     start, end, near, longest = own.t, own.end, own.near, own.longest
     for m in range(len(near)):
