@@ -73,7 +73,7 @@ def nodes_of(run: Any, state: Any) -> Any:
 
 
 def growth(engine: Any) -> float:
-    """The largest move of a node by errors of one unit in each number of an earlier state: 4.6 in the DAE, 4.0 in the ODE.
+    """The largest move of a node by errors of one unit in each number of an earlier state: 4.6 (DAE) and 4.0 (ODE).
 
     A start and one aside in each coordinate and speed are followed to the end: that is a column of the matrix which
     takes errors of a state to those of later nodes; absolute values of a row add up to what errors of any sign do.
