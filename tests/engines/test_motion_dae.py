@@ -235,7 +235,7 @@ def test_steps_end_where_data_begin_and_end():
     motion = Motion.data("r1", times, ((0, 0, 0), (0.2, 0, 0), (0.1, 0, 0), (0, 0, 0)))
     scene, _ = pendulum(motion)
     from tensegrity_mj.engines.driving import output_times
-    from tensegrity_mj.engines.reference.pulls import marks_of
+    from tensegrity_mj.engines.reference.adaptive import marks_of
 
     marks = [mark for mark, _, _ in marks_of(request(scene), output_times(request(scene)), with_outputs=False)]
     assert marks == [0.317, 0.6, 1.0]
