@@ -6,8 +6,7 @@ not valid), always with the file first.
 
 keys               what each table may hold, and how much a file may
 codec              tables, whose keys have types, into values and back
-structures         members of what tables hold
-sources, reading   texts and files in
+sources, reading   texts and files in, members of what tables hold
 writing            texts and files out
 schema             the format as a JSON Schema, for editors
 """
