@@ -24,7 +24,6 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.figure import Figure, print_png
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
-from tensegrity_mj.pictures.one_prefix import one_prefix
 from tensegrity_mj.runs.comparison import DIFFERENCES, Comparison
 from tensegrity_mj.runs.judgement import doubts, verdict
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -159,6 +158,8 @@ def write_sections(
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
+    from tensegrity_mj.pictures.ticks import one_prefix  # which needs matplotlib
+
     destination = checked(path, (".html", ".htm"), what)
     sections = list(sections)
     in_units = one_prefix([part for section in sections for part in section.parts])

@@ -26,8 +26,8 @@ from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import painter, palette, surface
 from tensegrity_mj.pictures.camera import clearest
-from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion, support_places
+from tensegrity_mj.pictures.stage import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB

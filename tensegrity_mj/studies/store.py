@@ -109,6 +109,10 @@ def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Store]:
     if folder is None:
         yield Store(None, {}, None)
         return
+
+    def own(path: str, flags: int) -> int:  # a link would have another file written
+        return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / STUDY).exists():
@@ -117,7 +121,7 @@ def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Store]:
                 raise OptionError(
                     f"{folder}: this folder is no study, and not empty (it holds {foreign[0]}); choose another"
                 )
-        lock = open(folder / LOCK, "a+b", buffering=0, opener=_opened_here)  # noqa: SIM115
+        lock = open(folder / LOCK, "a+b", buffering=0, opener=own)  # noqa: SIM115
     except OSError as error:
         raise OptionError(f"{folder}: no study can be kept there ({error.strerror}); choose another folder") from error
     with lock:
@@ -141,12 +145,11 @@ def write(path: Path, content: bytes) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-    _sync_folder(path.parent)
-
-
-def _opened_here(path: str, flags: int) -> int:
-    """Open a file of the folder's own: a link would have another file written."""
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+    handle = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _hold(lock: FileIO, folder: Path) -> None:
@@ -192,11 +195,3 @@ def _recovered(file: FileIO) -> dict[str, dict[str, Any]]:
         os.fsync(file.fileno())
     records = [record_of(line) for line in content[:whole].splitlines()]
     return dict(record for record in records if record is not None)
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -222,7 +222,10 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
         output_interval=draft.output_interval,
     )
     values = measure(run) | {"doubts": doubts(run, of_the_law=draft.plant is None)}
-    return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
+    if not point["keep_trajectories"]:
+        return values
+    with tempfile.TemporaryDirectory() as folder:
+        return WithFiles(values, {TRAJECTORY: run.save(Path(folder) / TRAJECTORY).read_bytes()})
 
 
 def drafted(common: Mapping[str, Any]) -> Draft:
@@ -240,11 +243,6 @@ def drafted(common: Mapping[str, Any]) -> Draft:
         on_infeasible=OnInfeasible(common["on_infeasible"]),
         output_interval=common["output_interval"],
     )
-
-
-def _content(run: Trajectory) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        return run.save(Path(folder) / TRAJECTORY).read_bytes()
 
 
 def elements_of(scene: Scene) -> dict[str, Any]:

@@ -23,13 +23,12 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, NEAREST, Camera, clearest, corners_of, fit
-from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels
 from tensegrity_mj.pictures.motion import MAX_PIECES, Motion, Traces, simplify
 from tensegrity_mj.pictures.painter import Painter, geoms_needed, make_model, slack_arcs
 from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.shrink import behind, shrink
-from tensegrity_mj.pictures.stage import Stage
+from tensegrity_mj.pictures.stage import Framing, Stage
 from tensegrity_mj.pictures.video import frame_times, frames, picture, render, render_frame, still
 from tensegrity_mj.pictures.view import Layout, Quality, View
 from tensegrity_mj.runs.trajectory import Status, Trajectory

@@ -21,7 +21,6 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, ROW, Figure, frame, grid_of_panels, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
-from tensegrity_mj.pictures.one_prefix import alike
 from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.runs.judgement import in_short
 from tensegrity_mj.simulation import versions
@@ -229,6 +228,8 @@ def _fitted(data: Data) -> Figure:
         for one in series
     }
     order = sorted(range(len(series)), key=lambda k: -spans[k] / (most[series[k]["unit"]] or 1.0))[:MOST_SERIES]
+    from tensegrity_mj.pictures.ticks import alike
+
     figure, panels = grid_of_panels(len(order), 3, COLUMN, ROW)
     for panel, one in zip(panels, (series[k] for k in order), strict=True):
         panel.plot(one["time"], one["measured"], ".", ms=3, color=palette.color_of(0), alpha=0.5)

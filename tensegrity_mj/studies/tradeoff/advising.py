@@ -178,11 +178,6 @@ def metres(value: float | None) -> str:
     return "0 m" if value == 0 else f"{power_text(float(f'{value:.1e}'))} m" if value < 1e-3 else f"{value:.2g} m"
 
 
-def factor_text(value: float) -> str:
-    """Return a real-time factor as text."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.2g}"
-
-
 def _choice(
     experiment: Data, costs: Sequence[float | None], timing: Sequence[Data] | None, tolerance: float
 ) -> tuple[int | None, str]:
@@ -207,7 +202,8 @@ def _choice(
 
 def _cost(cost: float | None, timing: Data | None) -> str:
     if timing is not None:
-        return f"{factor_text(timing['real_time_factor'])} x real time"
+        factor = timing["real_time_factor"]
+        return f"{factor:.0f} x real time" if factor >= 100 else f"{factor:.2g} x real time"
     return f"{cost:.0f} right-hand sides"
 
 

@@ -112,7 +112,7 @@ def validate(
         scene,
         made,
         _engines(scene, engines),
-        _duration(scene, duration),
+        TICK * max(1, round(positive("duration", scene.duration if duration is None else duration, "s") / TICK)),
         _part_of_a_tick("timestep", timestep),
         _part_of_a_tick("control_period", control_period),
         whole("seed", seed, 0),
@@ -160,11 +160,6 @@ def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
     if others:
         raise OptionError(f"engines: {', '.join(others)}: {only_one(scene)}: leave them out, or validate another scene")
     return names
-
-
-def _duration(scene: Scene, duration: float | None) -> float:
-    total = positive("duration", scene.duration if duration is None else duration, "s")
-    return TICK * max(1, round(total / TICK))
 
 
 def _part_of_a_tick(what: str, value: float) -> float:
@@ -219,7 +214,8 @@ def _sections(data: Data) -> Iterator[Section]:
         parts: list[Picture | Table] = list(of_section(section, data))
         text = NOTES.get(section, "")
         for number, (engine, part) in enumerate(data[section].items()):
-            text = text.replace("{reference}", _reference(part))
+            against = part.get("reference", "").replace("continuous", "the law at every stage")
+            text = text.replace("{reference}", against)
             parts += [
                 replace(table, folded=number > 0 or len(table.rows) > LONG) for table in _engine(section, engine, part)
             ]
@@ -228,11 +224,6 @@ def _sections(data: Data) -> Iterator[Section]:
             parts.append(Table("Starts that end differently in two engines", ("start", "outcomes"), rows))
         yield Section(heading[0].upper() + heading[1:], [text] if text else [], parts)
     yield _details(data)
-
-
-def _reference(part: Data) -> str:
-    reference = part.get("reference", "")
-    return "the law at every stage" if reference == "continuous" else str(reference)
 
 
 def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
