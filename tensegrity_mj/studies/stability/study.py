@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member, whole
+from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
@@ -52,7 +52,7 @@ from tensegrity_mj.studies.stability.cases import (
     scene_at_rest,
     structure_of,
 )
-from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import forces_on_nodes, forces_round_off
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
@@ -381,8 +381,6 @@ class StabilityStudy:
         unknown = [name for name in engines if name not in NAMES] + [axis for axis in self.maps if axis not in AXES]
         if unknown or not engines:
             raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
-        if self.workers is not None:
-            member("workers.backend", self.workers.backend, Backend)
         linked = scene.structure.class_number > 1
         if self.maps and (linked or not scene.structure.strings):
             raise OptionError(

@@ -13,7 +13,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,14 +30,6 @@ from tensegrity_mj.model.actuation import Actuation, Mode, whole_ratio
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.convergence import way_of
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.settings import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.ode import ODE
-
-    AnyEngine = MuJoCo | DAE | ODE
-
 
 PERIODS = (1e-2, 1e-3)  # s
 REPEATS = 3
@@ -247,7 +239,7 @@ class Setting:
         knob: what moves along the curve: the step or the tolerance.
     """
 
-    engine: AnyEngine
+    engine: Any
     family: str
     knob: str
 
@@ -306,7 +298,7 @@ def settings_of(experiment: Experiment, options: TradeoffOptions) -> list[Settin
 
 
 def _at_steps(
-    engine: Callable[..., AnyEngine], family: str, stages: int, experiment: Experiment, options: TradeoffOptions
+    engine: Callable[..., Any], family: str, stages: int, experiment: Experiment, options: TradeoffOptions
 ) -> list[Setting]:
     """A family of fixed steps, of an integrator of so many stages, the coarsest first."""
     steps: Sequence[float] | None = options.steps
@@ -339,7 +331,7 @@ def _of_reference(name: str, experiment: Experiment, options: TradeoffOptions) -
     most = most_evaluations(scene, native, options.budget)
     lean = period is not None  # sampled laws: no Radau, no drift treatments, half of the tolerances
     rtols = (TOLERANCES[::2] if lean else TOLERANCES) if options.tolerances is None else options.tolerances
-    engine: type[DAE] | type[ODE] = DAE if name == "dae" else ODE
+    engine: Any = DAE if name == "dae" else ODE
     for method, drift in itertools.product(Method, Drift if engine is DAE else [None]):
         usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
         treated, radau = drift not in (None, usual), method is Method.RADAU

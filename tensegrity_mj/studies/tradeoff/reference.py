@@ -14,7 +14,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
 from tensegrity_mj.studies.tradeoff.experiments import DOP853_STAGES, Experiment, grid_of_steps, most_evaluations, stays
-
-if TYPE_CHECKING:
-    from tensegrity_mj.studies.tradeoff.experiments import AnyEngine
 
 SAME_TIME = 1e-9  # of the duration
 
@@ -89,7 +86,7 @@ class Attempt:
         return Motion(self.run.time, self.run.nodes)
 
 
-def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = None) -> Attempt:
+def attempt(experiment: Experiment, engine: Any, duration: float | None = None) -> Attempt:
     """Simulate an experiment in an engine; for the experiment's duration unless another is given [s]."""
     try:
         with warnings.catch_warnings():
@@ -111,7 +108,7 @@ def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = 
     return Attempt(Ended(run.status.value), run.message, run)
 
 
-def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[str, Any]:
+def record(made: Attempt, engine: Any, reference: Motion | None) -> dict[str, Any]:
     """Return the record of an attempt: everything but `timing` is the same each time it is made.
 
     error, final_error [m]: of the nodes against the reference, over the run and at its end; None where it did not
@@ -185,7 +182,7 @@ def find_reference(experiment: Experiment, budget: float) -> Reference:
     """Compute the reference of an experiment within `GENEROUS` budgets."""
     tried: list[dict[str, str]] = []
 
-    def noted(engine: AnyEngine) -> Attempt:
+    def noted(engine: Any) -> Attempt:
         made = attempt(experiment, engine)
         tried.append({"engine": str(engine), "status": made.ended.value, "reason": made.reason})
         return made
@@ -215,7 +212,7 @@ def find_reference(experiment: Experiment, budget: float) -> Reference:
     return Reference(None, _facts(tried, "; ".join(reasons) or "no engine can be a reference"))
 
 
-def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
+def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[Any], Any]]:
     """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
     from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE, Solver
@@ -229,7 +226,7 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyE
 
     structure = experiment.scene.structure
 
-    def formulations(tight: Any) -> Iterator[AnyEngine]:
+    def formulations(tight: Any) -> Iterator[Any]:
         same = {"rtol": tight.rtol, "atol": tight.atol, "max_steps": steps}
         if structure.class_number <= 1:
             yield ODE(**same)
@@ -237,7 +234,7 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyE
             yield DAE(**same, solver=Solver.FULL)
         yield from map(MuJoCo, coarser)
 
-    def tolerance(rtol: float) -> AnyEngine:
+    def tolerance(rtol: float) -> Any:
         return DAE(rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=steps)
 
     yield [tolerance(rtol) for rtol in (RTOL, TIGHTER, *LOOSER)], formulations
@@ -248,9 +245,9 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyE
     yield [MuJoCo(step) for step in grid[:2]], lambda tight: []
 
 
-def _two(engines: list[AnyEngine], run: Callable[[Any], Attempt]) -> list[tuple[AnyEngine, Attempt]]:
+def _two(engines: list[Any], run: Callable[[Any], Attempt]) -> list[tuple[Any, Attempt]]:
     """The tightest two engines that complete, the tighter first; fewer where there are no two."""
-    done: list[tuple[AnyEngine, Attempt]] = []
+    done: list[tuple[Any, Attempt]] = []
     for engine in engines:
         if len(done) == 2:
             break
