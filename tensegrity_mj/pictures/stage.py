@@ -105,11 +105,7 @@ class Stage(contextlib.ExitStack):
             raise
 
     def moment(self, time: float | None) -> float:
-        """A time [s] of the film, its end for None.
-
-        Raises:
-            OptionError: outside the film.
-        """
+        """A time [s] of the film, its end for None; raise OptionError outside the film."""
         moment = self.end if time is None else float(time)
         slack = 1e-9 * max(1.0, abs(self.start), abs(self.end))
         if not self.start - slack <= moment <= self.end + slack:

@@ -101,11 +101,7 @@ def make_web_page(source: Trajectory | Scene) -> WebPage:
 
 
 def plotly_script() -> str:
-    """plotly's JavaScript.
-
-    Raises:
-        MissingPackageError: with the command that installs plotly.
-    """
+    """plotly's JavaScript; raise MissingPackageError with the command that installs plotly."""
     wanted, what = dependencies.of_extra("web"), "the page in 3-D (pictures and videos do without)"
     dependencies.optional("plotly", what, wanted)  # the package first, by its name
     return str(dependencies.optional("plotly.offline", what, wanted).get_plotlyjs())

@@ -38,11 +38,7 @@ class Store:
         self._file = file
 
     def add(self, key: str, outcome: dict[str, Any], files: Mapping[str, bytes]) -> None:
-        """Save a finished point: its files, then its line, which makes it finished.
-
-        Raises:
-            FormatError: if it cannot be written.
-        """
+        """Save a finished point: its files, then its line, which makes it finished; raise FormatError if it cannot."""
         if self.folder is not None and self._file is not None:
             for name, content in files.items():
                 (self.folder / FILES).mkdir(exist_ok=True)

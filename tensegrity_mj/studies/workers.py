@@ -288,11 +288,7 @@ class _Cluster:
         return self.client.submit(*call, pure=False)
 
     def look(self) -> None:
-        """Count the threads of all workers.
-
-        Raises:
-            ClusterError: if the scheduler does not answer, or has had no workers for a while.
-        """
+        """Count the threads; raise ClusterError if the scheduler does not answer, or had no workers for a while."""
         if self.client.status != "running":
             raise _lost(f"its connection is {self.client.status}")
         try:
@@ -351,11 +347,7 @@ def workers_for(law: Spec | None, workers: Workers | None) -> Workers:
 
 @contextlib.contextmanager
 def _connected(address: str | None, client: Any) -> Iterator[Any]:
-    """The client given, or one of our own for the length of the block.
-
-    Raises:
-        OptionError: if no scheduler answers at the address, or the client is none.
-    """
+    """Provide the client given, or one of our own; raise OptionError if no scheduler answers, or it is none."""
     from distributed import Client
 
     if client is not None:

@@ -98,11 +98,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         return {name: float(term[0]) for name, term in terms.items()}
 
     def get_reward(self, physics: ScenePhysics) -> float:
-        """The caller's reward, or the sum of the task's terms.
-
-        Raises:
-            OptionError: where the caller's is no finite number.
-        """
+        """The caller's reward, or the sum of the task's terms; raise OptionError for one that is no finite number."""
         if self.reward is None:
             return sum(self.terms(physics).values())
         value, number = self._value_of(self.reward, physics)
@@ -113,11 +109,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         return number
 
     def get_termination(self, physics: ScenePhysics) -> float | None:
-        """The caller's discount, or None to go on.
-
-        Raises:
-            OptionError: where it is neither None nor a number in [0, 1].
-        """
+        """The caller's discount, or None to go on; raise OptionError for one that is neither None nor in [0, 1]."""
         value, discount = (None, np.nan) if self.termination is None else self._value_of(self.termination, physics)
         if value is None:
             return None

@@ -302,11 +302,7 @@ READERS: dict[str, Callable[[Task, State], Array]] = {
 
 
 def substeps(period: float, timestep: float) -> int:
-    """Steps of the engine in a control period.
-
-    Raises:
-        OptionError: where the period is no multiple of the step, or has too many of them.
-    """
+    """Steps of the engine in a control period; raise OptionError where it is no multiple, or has too many."""
     count = whole_ratio(period, timestep, "control period over the time step")
     if count > MOST_SUBSTEPS:
         raise OptionError(

@@ -121,11 +121,7 @@ class Unknowns:
         return np.where(self.start != 0, np.abs(self.start), np.where(np.isnan(self.prior), width, self.prior))
 
     def at(self, values: Array) -> Draft:
-        """The experiment with these values (P,).
-
-        Raises:
-            TensegrityError: for a value that the structure or the scene cannot have.
-        """
+        """Return the experiment with these values (P,); raise TensegrityError for one that the scene cannot have."""
         given = zip(self.paths, self.scaled, values.tolist(), strict=True)
         return Draft(self.scene).apply({path: Scaled(one) if factor else one for path, factor, one in given})
 
