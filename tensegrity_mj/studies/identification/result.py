@@ -71,7 +71,26 @@ class Identification(Report):
 
     def page(self) -> Page:
         """Measured against fitted, intervals, information and residuals."""
-        return page_of(self.data)
+        data = self.data
+        level = f"{data['level']:.3g}"
+        heads = {"name": "parameter", "start": "start", "value": "estimate", "deviation": "standard deviation"}
+        heads |= {"low": f"interval of {level} from", "high": "to", "note": ""}
+        matrix = [[name, *row] for name, row in zip(data["correlated"], data["correlation"], strict=True)]
+        tables = [
+            Table.of("Parameters", heads, data["parameters"]),
+            Table("Correlation of the estimates", ["", *data["correlated"]], matrix, folded=True),
+        ]
+        pictures = [
+            Picture(_fitted(data), "Measured (dots) and fitted (lines): the series that move most."),
+            Picture(
+                _information_figure(data),
+                f"Intervals of {level} confidence, starts as crosses; information by parameters in parts of their "
+                "starts, before and after the fit; what is left, of which 95 % are within the dashed lines where it is "
+                "white.",
+            ),
+        ]
+        sections = pictures_and_tables(pictures, tables)
+        return Page(f"Identification of {data['scene']}", data["source"], judgement_of(data), sections)
 
     def __repr__(self) -> str:
         return printable("\n".join([*self.judgement.lines(), "", *self.table()]), "\n")
@@ -158,27 +177,6 @@ def identify(
 Data = dict[str, Any]
 MOST_SERIES = 9  # that are drawn: those that move most, in parts of the largest of their unit
 DOUBTFUL = 0.01  # p below which χ² or whiteness is evidence against noise or model
-
-
-def page_of(data: Data) -> Page:
-    level = f"{data['level']:.3g}"
-    heads = {"name": "parameter", "start": "start", "value": "estimate", "deviation": "standard deviation"}
-    heads |= {"low": f"interval of {level} from", "high": "to", "note": ""}
-    matrix = [[name, *row] for name, row in zip(data["correlated"], data["correlation"], strict=True)]
-    tables = [
-        Table.of("Parameters", heads, data["parameters"]),
-        Table("Correlation of the estimates", ["", *data["correlated"]], matrix, folded=True),
-    ]
-    pictures = [
-        Picture(_fitted(data), "Measured (dots) and fitted (lines): the series that move most."),
-        Picture(
-            _information_figure(data),
-            f"Intervals of {level} confidence, starts as crosses; information by parameters in parts of their starts, "
-            "before and after the fit; what is left, of which 95 % are within the dashed lines where it is white.",
-        ),
-    ]
-    sections = pictures_and_tables(pictures, tables)
-    return Page(f"Identification of {data['scene']}", data["source"], judgement_of(data), sections)
 
 
 def judgement_of(data: Data) -> Judgement:

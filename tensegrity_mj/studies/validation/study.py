@@ -50,7 +50,16 @@ class Validation(Report):
 
     def page(self) -> Page:
         """Make the page of the report, section by section."""
-        return page_of(self.data)
+        data = self.data
+        setup, scene, name = data["setup"], data["scene"], law_name(data["law"])
+        introduction = (
+            f"Law {name} on scene {scene['name']} ({scene['source'] or 'no source given'}); {setup['runs']} runs of "
+            f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
+            f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period "
+            f"{1e3 * setup['control_period']:g} ms where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
+            f"{quantity(data['tolerance'], 'm', 2)} of its target, or of where the nominal run rests if there is none."
+        )
+        return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), _sections(data))
 
     @property
     def summary(self) -> list[str]:
@@ -178,20 +187,6 @@ MOST_NODES = 12  # that a cell holds
 MOST_LETTERS = 30  # of a label that stays in one line
 TABLE = table_beside(__file__)
 COLUMNS, NOTES = TABLE["columns"], TABLE["notes"]
-
-
-def page_of(data: Data) -> Page:
-    setup, law = data["setup"], data["law"]
-    name = law_name(law)
-    scene = data["scene"]
-    introduction = (
-        f"Law {name} on scene {scene['name']} ({scene['source'] or 'no source given'}); {setup['runs']} runs of "
-        f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
-        f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms "
-        f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
-        f"{quantity(data['tolerance'], 'm', 2)} of its target, or of where the nominal run rests if there is none."
-    )
-    return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), _sections(data))
 
 
 def judgement_of(data: Data) -> Judgement:
