@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import check_known, choice_from, finite
+from tensegrity_mj.basics.checks import check_known, finite
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
@@ -18,7 +19,6 @@ from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.studies import parameter_values
 from tensegrity_mj.studies.parameter_values import Draw, changed
 
@@ -90,9 +90,7 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
             return _with_members(scene, name, which, others, path, value)
         if name == "nodes":
             return _with_node(scene, which, others, path, value)
-        parameter_values.no_more(which, others, path)
-        law = choice_from(path, StringLaw, value)
-        return scene.with_(structure=replace(scene.structure, string_law=law))
+        return scene.with_(structure=changed(scene.structure, [first, *others], path, "structure", value))
     check_known(path, name, PARTS_OF_SCENE, "part of a scene")
     if name in ("initial_nodes", "initial_velocities"):
         number, axis = _node(scene, which, path), parameter_values.axis_of(others, path)
@@ -259,16 +257,14 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
             raise OptionError(f"{path}: the motion of '{motion.support}' is a function, which has no parts to change")
     axis = parameter_values.axis_of(others[1:], path)
 
-    def changed(motion: Motion) -> Motion:
-        if which not in (None, motion.support):
-            return motion
-        if name == "amplitude":
-            return _with_amplitude(path, axis, value, motion)
-        if name == "phase":
-            return _with_phase(path, value, motion)
-        return _with_frequency(path, 2 * math.pi if name == "frequency" else 1.0, value, motion)
-
-    return scene.with_(motions=tuple(changed(motion) for motion in scene.motions))
+    change = {
+        "amplitude": partial(_with_amplitude, path, axis, value),
+        "phase": partial(_with_phase, path, value),
+        "frequency": partial(_with_frequency, path, 2 * math.pi, value),
+        "angular_frequency": partial(_with_frequency, path, 1.0, value),
+    }[name]
+    motions = (change(one) if which in (None, one.support) else one for one in scene.motions)
+    return scene.with_(motions=tuple(motions))
 
 
 def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:

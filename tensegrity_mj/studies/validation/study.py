@@ -57,8 +57,8 @@ class Validation(Report):
             f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
             f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period "
             f"{1e3 * setup['control_period']:g} ms where the law must be sampled; seed {setup['seed']}. A run has "
-            f"converged if it ends within {quantity(data['tolerance'], 'm', 2)} of its target, or of where the nominal run "
-            "rests if there is none."
+            f"converged if it ends within {quantity(data['tolerance'], 'm', 2)} of its target, or of where the nominal "
+            "run rests if there is none."
         )
         return Page(f"Validation of {name} on {scene['name']}", introduction, judgement_of(data), _sections(data))
 
