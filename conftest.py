@@ -6,11 +6,13 @@ import gc
 import importlib
 import importlib.util
 import os
+import pickle
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from quick_xla import compile_quickly
 
@@ -20,11 +22,17 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads o
     # `-n 0` tests what users run.
     compile_quickly()
 
+import cloudpickle
 import pytest
 import session_report
 from hypothesis import HealthCheck, settings
 
 import tensegrity_mj as tmj
+from tensegrity_mj.studies import workers
+
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # the name of this process, where several test
+PROCESSES = workers._processes
+LAYOUT: dict[str, Any] = {}
 
 # Half a million objects live as long as the tests do: a search among them for garbage every 700 new ones takes a
 # quarter of the time of collecting the tests and a tenth of that of tracing JAX's programs.
@@ -46,13 +54,53 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A longer limit for studies, which take minutes each on an idle machine; and the order for several processes.
 
-    Files with slow tests come first, so that none is begun when all other processes are already done.
+    Files with slow tests come first, and long files before short ones, so that none that takes long is begun when all
+    other processes are already done.
     """
     for item in items:
         if item.get_closest_marker("study") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3000))
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    if WORKER:
+        sizes = {path: path.stat().st_size for path in {item.path for item in items}}
+        items.sort(key=lambda item: (item.get_closest_marker("slow") is None, -sizes[item.path], item.path))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[Any]:
+    """Every second process reads the files from the last on.
+
+    To compile a file's assertions takes a process longer than all else of collecting it. Each keeps what it compiles,
+    so that two processes do half of it each.
+    """
+    report = yield
+    if isinstance(collector, pytest.Directory) and WORKER.endswith(tuple("13579")):
+        report.result.reverse()
+    return report
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Studies compute their points here, sent as to another process: to start two of these takes three seconds.
+
+    And where several processes test, figures are not laid out, which takes longer than drawing them: tests/pictures
+    looks at layouts.
+    """
+    workers._processes = PROCESSES if item.get_closest_marker("workers") else computed_here
+    if WORKER:
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+        LAYOUT.setdefault("real", ConstrainedLayoutEngine.execute)
+        ConstrainedLayoutEngine.execute = LAYOUT["real"] if "pictures" in item.path.parts else lambda *_: None
+
+
+def computed_here(count: int, task: Any, points: Any) -> Iterator[Any]:
+    """Stands for processes of workers, but in tests marked `workers`."""
+    for answer in workers._here(*sent((task, points))):
+        yield sent(answer)
+
+
+def sent(value: Any) -> Any:
+    """What comes of a value in another process."""
+    return pickle.loads(cloudpickle.dumps(value))
 
 
 # Scenes are immutable: one of each serves every test.

@@ -21,7 +21,7 @@ from tensegrity_mj.errors import (
     printable_message,
 )
 
-fair = settings(derandomize=True, max_examples=300, deadline=None)
+fair = settings(derandomize=True, max_examples=150, deadline=None)
 HOSTILE = st.sampled_from(
     ["/", "\\", "..", ".", "\0", "\n", "\x1b[31m", "~", "$HOME", "con", "NUL", "-", " ", "é", "x" * 90]
 )

@@ -161,6 +161,7 @@ def test_stability(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert limit("--law none") == limit("--open-loop")
 
 
+@pytest.mark.workers
 @pytest.mark.usefixtures("laws")
 def test_sweep_in_worker_processes_knows_a_changed_law(
     laws: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -100,7 +100,7 @@ def is_at_an_edge(v, alpha, floor, ceiling):
 @pytest.mark.parametrize("norm", NORMS)
 def test_the_explicit_minimum_is_the_solvers(norm):
     infeasible = limited = 0
-    for v, alpha, floor, ceiling in cases(600):
+    for v, alpha, floor, ceiling in cases(300):
         u = np.full(len(v), np.nan)
         margin = least_norm(v, alpha, floor, ceiling, norm, u)
         assert margin == feasibility_margin(v, alpha, floor, ceiling)
@@ -130,8 +130,8 @@ def test_the_explicit_minimum_is_the_solvers(norm):
         else:
             least, tolerance = expected
             assert abs(np.linalg.norm(u, norm) - least) <= tolerance
-    assert infeasible > 100
-    assert limited > 40
+    assert infeasible > 50
+    assert limited > 20
 
 
 def test_the_two_norm_solution_satisfies_the_optimality_conditions_to_round_off():

@@ -420,6 +420,8 @@ def test_laws_seek_their_solution_within_the_ceilings(mode, norm):
     """The law's u is Lemma 5.1's with its own f, β + δ V and ceilings at that state."""
     reached = 0
     for seed in range(30):
+        if seed >= 6 and reached:
+            break
         rng, scene, law = random_case(seed, mode, False)
         lengths = law.structure.string_lengths(scene.nodes0)
         structure = law.structure.with_strings(

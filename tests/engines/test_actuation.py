@@ -279,7 +279,7 @@ def test_an_interrupt_is_neither_lost_nor_misread(prism, engine, python_law):
     controller = (lambda t, n, v: law(t, n, v)) if python_law else law
     if isinstance(engine, tmj.DAE | tmj.ODE):  # a run whose steps shrink without end, from 12 s on, is not given up
         engine = dataclasses.replace(engine, max_steps=10**12)
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     try:
         with pytest.raises(KeyboardInterrupt):

@@ -23,12 +23,12 @@ from tensegrity_mj.runs.trajectory import Trajectory
 Array = NDArray[np.float64]
 Engine = tmj.DAE | tmj.MuJoCo
 
-DURATION = 10.0  # s
+DURATION = 5.0  # s
 TOLERANCE = 1e-10  # of quantities that are of order 1 in SI units: rods of about 1 kg and 1 m, at some m/s
 
 ENGINES = [
-    # RK4 loses (ω h)⁵ / 120 of the amplitude a step. A rod on a slide turns unevenly: 2 ω = 6 rad/s, which with 20,000
-    # steps of 5e-4 s is 4e-11.
+    # RK4 loses (ω h)⁵ / 120 of the amplitude a step. A rod on a slide turns unevenly: 2 ω = 6 rad/s, which with 10,000
+    # steps of 5e-4 s is 2e-11.
     pytest.param(tmj.MuJoCo(timestep=5e-4), id="mujoco"),
     # 1e-13 a step, and some hundred steps.
     pytest.param(tmj.DAE(rtol=1e-13, atol=1e-14), id="dae"),

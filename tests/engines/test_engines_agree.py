@@ -77,7 +77,7 @@ def taut_scene(rng: np.random.Generator, support: str, planar: bool) -> tuple[Sc
 
 @pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
 @pytest.mark.parametrize("support", SUPPORTS)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_taut_motions_agree_and_the_difference_falls_with_order_four(seed: int, support: str, planar: bool) -> None:
     rng = np.random.default_rng([seed, SUPPORTS.index(support), planar])
     scene, reference = taut_scene(rng, support, planar)

@@ -46,8 +46,15 @@ def thrown(scene: tmj.Scene, seed: int, count: int) -> list[tmj.Scene]:
 
 
 @pytest.mark.filterwarnings("ignore::tensegrity_mj.errors.StabilityWarning")  # of first order: it is bits that count
-@pytest.mark.parametrize("integrator", [tmj.Integrator.RK4, tmj.Integrator.EULER, tmj.Integrator.DISCRETE])
-@pytest.mark.parametrize(("name", "duration"), [("prism_drop", 0.4), ("six_bar_drop", 0.4), ("six_bar_roll", 0.6)])
+@pytest.mark.parametrize(
+    ("name", "duration", "integrator"),
+    [
+        ("prism_drop", 0.4, tmj.Integrator.EULER),
+        ("prism_drop", 0.4, tmj.Integrator.DISCRETE),
+        ("six_bar_drop", 0.4, tmj.Integrator.RK4),
+        ("six_bar_roll", 0.6, tmj.Integrator.RK4),
+    ],
+)
 def test_a_run_with_contact_among_many_is_the_single_run_to_the_last_bit(name, duration, integrator) -> None:
     scene = tmj.load_scene(name)
     law = tmj.controllers.from_scene(scene) if scene.control else None
@@ -62,7 +69,7 @@ def test_a_run_with_contact_among_many_is_the_single_run_to_the_last_bit(name, d
 def test_robots_that_land_apart_keep_apart(monkeypatch) -> None:
     """In pieces of any size, between which each one's last forces are another simulation's in MjData."""
     scenes = thrown(tmj.load_scene("six_bar_drop"), 1, 5)
-    alone = [tmj.simulate(scene, None, RK4, duration=0.5) for scene in scenes]
+    alone = [tmj.simulate(scene, None, RK4, duration=0.4) for scene in scenes]
     assert len({tuple(run.reports["contact"]["touching"]) for run in alone}) == 5
     for sizes in ([1, 2, 7], [1000]):
 
@@ -73,7 +80,7 @@ def test_robots_that_land_apart_keep_apart(monkeypatch) -> None:
                 first += sizes[first % len(sizes)]
 
         monkeypatch.setattr(driving, "chunks", pieces)
-        for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2), alone, strict=True):
+        for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.4, threads=2), alone, strict=True):
             same(run, one)
 
 
@@ -85,8 +92,8 @@ def test_robots_that_start_turned_land_as_alone() -> None:
         rotation *= np.linalg.det(rotation)
         nodes = (scene.nodes0 - middle) @ rotation.T + middle + [*draws.normal(size=2), 0.1]
         turned.append(scene.with_(initial_nodes=nodes))
-    for run, one in zip(tmj.simulate_many(turned, None, RK4, duration=0.5, threads=2), turned, strict=True):
-        alone = tmj.simulate(one, None, RK4, duration=0.5)
+    for run, one in zip(tmj.simulate_many(turned, None, RK4, duration=0.4, threads=2), turned, strict=True):
+        alone = tmj.simulate(one, None, RK4, duration=0.4)
         touching = alone.reports["contact"]["touching"]
         assert run.reports["contact"]["touching"] == touching
         assert max(touching) >= 1
@@ -109,9 +116,9 @@ def test_floors_frictions_and_masses_may_differ() -> None:
         scene.with_(structure=replace(structure, rods=heavy)),
         *thrown(scene, 2, 2),
     ]
-    runs = tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2)
+    runs = tmj.simulate_many(scenes, None, RK4, duration=0.4, threads=2)
     for run, one in zip(runs, scenes, strict=True):
-        same(run, tmj.simulate(one, None, RK4, duration=0.5))
+        same(run, tmj.simulate(one, None, RK4, duration=0.4))
     assert len({run.nodes[-1].tobytes() for run in runs}) == len(scenes)
 
 
@@ -120,8 +127,8 @@ def test_each_robot_may_have_ground_of_its_own() -> None:
     ground = replace(scene.contact, floor=scene.contact.floor - 0.15, rolling=1e-3)
     rough = [tmj.model.Rough(size=(2.0, 2.0), roughness=0.02, length=0.3, seed=seed) for seed in range(3)]
     scenes = [scene.with_(contact=replace(ground, terrain=one)) for one in rough]
-    for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2), scenes, strict=True):
-        alone = tmj.simulate(one, None, RK4, duration=0.5)
+    for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.4, threads=2), scenes, strict=True):
+        alone = tmj.simulate(one, None, RK4, duration=0.4)
         assert max(alone.reports["contact"]["touching"]) >= 1
         same(run, alone)
 
@@ -186,14 +193,14 @@ def test_one_that_ends_early_stops_no_other_that_touches() -> None:
     def explosive(time: float, nodes: Any, velocities: Any) -> Any:
         return np.full(count, 1e9 if time > 0.3 else 0.0)
 
-    runs = tmj.simulate_many([scene] * 3, [None, explosive, None], RK4, duration=0.5, threads=2)
+    runs = tmj.simulate_many([scene] * 3, [None, explosive, None], RK4, duration=0.4, threads=2)
     done = tmj.Status.COMPLETED
     assert runs.status == (done, tmj.Status.DIVERGED, done)
-    alone = tmj.simulate(scene, None, RK4, duration=0.5)
+    alone = tmj.simulate(scene, None, RK4, duration=0.4)
     same(runs[0], alone)
     same(runs[2], alone)
     with pytest.raises(tmj.errors.DivergenceError) as single:
-        tmj.simulate(scene, explosive, RK4, duration=0.5)
+        tmj.simulate(scene, explosive, RK4, duration=0.4)
     assert runs.message(1) == str(single.value)
 
 

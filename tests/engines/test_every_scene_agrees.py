@@ -55,8 +55,8 @@ MEMBERS = {
     "ladder": (2e-3, False, 1.0),
     "massive_string": (2.5e-4, False, 0.4),
     "spine": (1.25e-4, False, 0.4),
-    "fish_net": (5e-4, False, 0.4),
-    "moored_chain": (5e-3, False, 0.4),
+    "fish_net": (5e-4, False, 0.2),
+    "moored_chain": (5e-3, False, 0.2),
     "arrester": (5e-4, True, 1.0),
 }
 

@@ -97,7 +97,7 @@ def test_the_ledger_closes(name: str, engine: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in FEATURES if FEATURES[name].in_dae])
 def test_an_implicit_method_gives_the_same(name: str) -> None:
-    """Radau with error control: its global error is at most some hundred times its tolerance of 1e-9."""
-    found = run(name, tmj.DAE(method=tmj.Method.RADAU, rtol=1e-9, atol=1e-11))
-    assert tmj.compare(found, reference(name)).max_node_error < 1e-7
-    assert found.energy_residual < 1e-7 * exchanged(found)
+    """Radau with error control: its global error is at most some hundred times its tolerance of 1e-7."""
+    found = run(name, tmj.DAE(method=tmj.Method.RADAU, rtol=1e-7, atol=1e-9))
+    assert tmj.compare(found, reference(name)).max_node_error < 1e-5
+    assert found.energy_residual < 1e-5 * exchanged(found)

@@ -76,7 +76,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("mkdocstrings")
     # Not --quiet, with which mkdocs 1.6 counts no warning.
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
-    environment = {**only_extra(tmp_path, "docs"), "NO_MKDOCS_2_WARNING": "1"}
+    environment = {**only_extra(tmp_path, "docs"), "NO_MKDOCS_2_WARNING": "1", "SITE_SEARCH": "false"}
     build = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert build.returncode == 0, build.stderr
     assert '"$schema"' in (tmp_path / "site" / "schema.json").read_text(encoding="utf-8")

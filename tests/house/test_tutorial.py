@@ -17,6 +17,7 @@ from stable_baselines import stand_in
 
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.doctor import check_opengl
+from tensegrity_mj.commands.render import USUAL
 
 PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 SAVED = re.compile(r"this\s+as\s+`([\w.]+)`.*?\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -63,6 +64,7 @@ def printed_by(language: str, code: str, page: str, names: dict[str, object]) ->
 @pytest.mark.slow
 def test_the_tutorial_runs_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(USUAL, "fps", 5.0)  # of its film
     files = dict(SAVED.findall(PAGE))
     assert set(files) == {"mast.toml", "calm.py", "swing.py"}
     for name, text in files.items():

@@ -84,7 +84,7 @@ def test_statics_knows_when_mujoco_tips() -> None:
     assert fraction == pytest.approx(found.fraction, abs=2 * 4.4e-4)
 
 
-@pytest.mark.parametrize("heading", [1.15, 0.0, -2.5])
+@pytest.mark.parametrize("heading", [1.15, -2.5])
 def test_it_lands_on_the_triangles_of_the_plan_and_goes_its_way(heading: float) -> None:
     """As a rigid body it would go the sum of the steps. It is shorter while its base is pulled in, by up to a third."""
     scene = six_bar_roll(steps=4, heading=heading)

@@ -85,8 +85,8 @@ def check(numbers: Sequence[int]) -> None:
     assert len(found) < 100 or 0.1 < sum(one["outcome"] == "accepted" for one in found) / len(found) < 0.9
 
 
-def test_a_few_hundred_files_and_commands() -> None:
-    check(range(100))
+def test_some_files_and_commands() -> None:
+    check(range(60))
 
 
 @pytest.mark.study

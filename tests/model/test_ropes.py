@@ -67,7 +67,7 @@ def test_a_rope_hangs_as_a_catenary_with_the_square_of_segments() -> None:
     """Found from the straight line, where it is slack. Errors fall by 4, but for their next order, some 1/n of them."""
     H, shape = catenary(2.0, 2.5, 1.0, 2000.0)
     places, pulls = [], []
-    for segments in (10, 20, 40, 80):
+    for segments in (10, 20, 40):
         scene = rope(segments, mass=1.0, stiffness=2000.0, rest_length=2.5).with_(gravity=(0.0, 0.0, -G))
         found = find_equilibrium(scene)
         x, z = shape((np.arange(segments) + 0.5) / segments * 2.5)

@@ -34,7 +34,7 @@ from tensegrity_mj.model.text.writing import save_scene, save_structure, scene_t
 from tensegrity_mj.statics.self_stress import SelfStress
 
 ROOT = Path(__file__).resolve().parents[2]
-fair = settings(derandomize=True, max_examples=150, deadline=None)
+fair = settings(derandomize=True, max_examples=80, deadline=None)
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e100, max_value=1e100)
 positive = st.floats(min_value=1e-100, max_value=1e100)
 texts = st.text(st.characters(exclude_categories=("Cs",)), max_size=30)

@@ -166,6 +166,8 @@ def test_both_commands_say_the_same_of_shipped_scenes(name: str) -> None:
     scene = tmj.load_scene(name)
     if scene.control is not None or (scene.water is not None and unheld_gravity(scene).any()):
         return
+    if len(scene.structure.strings) > 100:
+        return  # its study takes seconds, and says nothing else
     reported = describe(scene)
     scene = scene.with_(gravity=tuple(np.array(scene.gravity) - unheld_gravity(scene)))
     found: Balance = tmj.statics.analyse(scene, modes=1).start

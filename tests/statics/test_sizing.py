@@ -248,9 +248,9 @@ def cells(sizing: Sizing, loads: Array) -> float:
     return best
 
 
-@pytest.mark.parametrize(("seed", "amount"), [(1, 1e2), (1, 1e6), (4, 1e4), (6, 1e5)])
+@pytest.mark.parametrize(("seed", "amount"), [(5, 1e2), (5, 1e6), (4, 1e4), (6, 1e5)])
 def test_against_all_vertices(seed: int, amount: float) -> None:
-    structure, loads = truss(seed, 6, 7, amount)
+    structure, loads = truss(seed, 5, 6, amount)
     sizing = minimal_mass(structure, loads, rods=STEEL, strings=UHMWPE, holds=HELD)
     is_sound(sizing, loads)
     # The search stops within 1e-6 of the least, and what enumeration finds is the least.

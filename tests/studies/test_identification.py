@@ -316,7 +316,7 @@ def run() -> tmj.Trajectory:
 
 @pytest.mark.slow
 def test_parameters_of_another_engines_data_are_covered() -> None:
-    """8 draws of noise on MuJoCo's run, fitted by the DAE from 15 % beside the truth; short, for 200 runs."""
+    """5 draws of noise on MuJoCo's run, fitted by the DAE from 15 % beside the truth; short, for 125 runs."""
     scene = prism_at_work().with_(duration=0.5)
     run = tmj.simulate(scene, engine="mujoco", timestep=1e-3, output_interval=0.02)
     assert run.tensions.min() > 0
@@ -328,7 +328,7 @@ def test_parameters_of_another_engines_data_are_covered() -> None:
     unknowns = Unknowns.of(scene, starts)
     model = predictions_of(unknowns, Observation.of(scene.structure, measured(run, nodes=1e-3)), tmj.DAE())
     found = []
-    for seed in range(8):
+    for seed in range(5):
         seen = Observation.of(scene.structure, measured(noisy(run, seed), nodes=1e-3))
         found.append(fit(Problem(model, unknowns, seen), FitOptions()))
     assert all(one["converged"] for one in found)

@@ -429,9 +429,8 @@ def test_unstable_refused_and_expensive_runs_are_results() -> None:
         assert values["reason"]
 
 
-def test_failed_points_are_drawn_and_listed(tmp_path: Path) -> None:
-    study = small_study(tmp_path / "study")
-    data = json.loads(json.dumps(study.data))
+def test_failed_points_are_drawn_and_listed(finished: Any) -> None:
+    data = json.loads(json.dumps(finished.data))
     for experiment in data["experiments"]:
         experiment["points"][0] |= {"error": None, "status": "diverged", "reason": "energy came from nowhere"}
         front = experiment["by_right_hand_sides"]["front"]
@@ -451,6 +450,12 @@ def test_failed_points_are_drawn_and_listed(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------- the whole study
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The small study, kept."""
+    return small_study(tmp_path_factory.mktemp("kept") / "a")
+
+
 def small_study(folder: Path | None, **changes: Any) -> Any:
     chosen = {"engines": ["mujoco", "dae"], "families": ["Euler", "RK4"], "steps": [0.02, 0.005], "repeats": 2}
     return tradeoff(spring_scene(), folder=folder, options=TradeoffOptions(**{**chosen, **changes}))
@@ -461,16 +466,16 @@ def without_timing(data: dict[str, Any]) -> str:
     return json.dumps({key: value for key, value in data.items() if key not in by_clock}, sort_keys=True)
 
 
-def test_two_studies_are_the_same_but_for_the_clock(tmp_path: Path) -> None:
-    first, second = small_study(tmp_path / "a"), small_study(tmp_path / "b")
-    texts = [(tmp_path / name / "tradeoff.json").read_text(encoding="utf-8") for name in "ab"]
+def test_two_studies_are_the_same_but_for_the_clock(finished: Any, tmp_path: Path) -> None:
+    first, second = finished, small_study(tmp_path / "b")
+    texts = [(one.folder / "tradeoff.json").read_text(encoding="utf-8") for one in (first, second)]
     assert without_timing(json.loads(texts[0])) == without_timing(json.loads(texts[1]))
     assert "wall_time" not in without_timing(first.data)
     assert "wall_time" in json.dumps(second.data["timing"])
     assert all(point["repeatable"] for one in first.data["experiments"] for point in one["points"])
 
 
-def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_goes_on_where_it_stopped(finished: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from tensegrity_mj.studies.tradeoff import study as module
 
     calls = []
@@ -492,16 +497,14 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert lines[: len(kept)] == kept
     keys = [json.loads(line)["key"] for line in lines]
     assert len(set(keys)) == len(keys)  # nothing was computed again
-    whole = small_study(None)
     assert without_timing(json.loads((tmp_path / "a" / "tradeoff.json").read_text(encoding="utf-8"))) == without_timing(
-        json.loads(json.dumps(whole.data))
+        json.loads(json.dumps(finished.data))
     )
     with pytest.raises(OptionError, match="another study"):
         small_study(tmp_path / "a", repeats=1)
 
 
-def test_a_finished_study_computes_nothing_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = small_study(tmp_path / "a")
+def test_a_finished_study_computes_nothing_again(finished: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from tensegrity_mj.studies.tradeoff import study as module
 
     def never(*_: object, **__: object) -> None:
@@ -509,9 +512,9 @@ def test_a_finished_study_computes_nothing_again(tmp_path: Path, monkeypatch: py
 
     for name in ("attempt", "find_reference", "record"):
         monkeypatch.setattr(module, name, never)
-    again = small_study(tmp_path / "a")
-    assert again.data["timing"] == json.loads(json.dumps(first.data["timing"]))  # even the clock's readings are kept
-    assert without_timing(json.loads(json.dumps(again.data))) == without_timing(json.loads(json.dumps(first.data)))
+    again, first = small_study(finished.folder), json.loads(json.dumps(finished.data))
+    assert again.data["timing"] == first["timing"]  # even the clock's readings are kept
+    assert without_timing(json.loads(json.dumps(again.data))) == without_timing(first)
 
 
 def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
@@ -525,14 +528,14 @@ def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
     assert "nothing moves" in still["reference"]["reason"]
 
 
-def test_page_picture_and_documentation_are_written(tmp_path: Path) -> None:
-    study = small_study(tmp_path / "study")
-    page = (tmp_path / "study" / "tradeoff.html").read_text(encoding="utf-8")
+def test_page_picture_and_documentation_are_written(finished: Any, tmp_path: Path) -> None:
+    study, folder = finished, finished.folder
+    page = (folder / "tradeoff.html").read_text(encoding="utf-8")
     assert not re.search("https?:", page)  # bare "http" may stand in the pixels of a picture
     assert page.count("data:image/png") == 2
     assert study.save_figure(tmp_path / "a.svg").is_file()
     (tmp_path / "tradeoff.md").write_text("# Title\n\nText.\n", encoding="utf-8")
-    kept = json.loads((tmp_path / "study" / "tradeoff.json").read_text(encoding="utf-8"))
+    kept = json.loads((folder / "tradeoff.json").read_text(encoding="utf-8"))
     written = docs.write_docs(tmp_path, [kept])
     assert [path.name for path in written] == ["spring.png", "tradeoff.md"]
     assert written[0].stat().st_size < 80_000

@@ -386,6 +386,7 @@ def test_a_law_that_workers_can_have_goes_to_them(pinned_rod: Any, law: Any) -> 
     np.testing.assert_array_equal(made(0.0, nodes, velocities), validated_laws.damp(0.0, nodes, velocities))
 
 
+@pytest.mark.workers
 def test_a_law_from_a_file_in_worker_processes(pinned_rod: Any) -> None:
     report = small(pinned_rod, f"{LAWS}:slower", sections=["delay"], workers=tmj.studies.Workers(2))
     assert report.data["law"]["from"] == "validated_laws.py:slower"
