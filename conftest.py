@@ -10,6 +10,7 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -31,7 +32,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.studies import workers
 
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # the name of this process, where several test
-PROCESSES = workers._processes
+PROCESSES = workers._Processes
 LAYOUT: dict[str, Any] = {}
 
 # Half a million objects live as long as the tests do: a search among them for garbage every 700 new ones takes a
@@ -84,7 +85,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     And where several processes test, figures are not laid out, which takes longer than drawing them: tests/pictures
     looks at layouts.
     """
-    workers._processes = PROCESSES if item.get_closest_marker("workers") else computed_here
+    workers._Processes = PROCESSES if item.get_closest_marker("workers") else OnePlace
     if WORKER:
         from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -92,10 +93,24 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         ConstrainedLayoutEngine.execute = LAYOUT["real"] if "pictures" in item.path.parts else lambda *_: None
 
 
-def computed_here(count: int, task: Any, points: Any) -> Iterator[Any]:
-    """Stands for processes of workers, but in tests marked `workers`."""
-    for answer in workers._here(*sent((task, points))):
-        yield sent(answer)
+class OnePlace:
+    """Stands for the processes of workers, but in tests marked `workers`: computes at once what it is given."""
+
+    places, died = 1, ()
+
+    def __init__(self, places: int) -> None:
+        """There is one place, whatever is wanted."""
+
+    def submit(self, call: Callable[..., Any], *given: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(sent(call(*sent(given))))
+        return future
+
+    def look(self) -> None:
+        """Nothing can be lost."""
+
+    def give_up(self, futures: list[Any]) -> None:
+        """Nothing is under way."""
 
 
 def sent(value: Any) -> Any:
