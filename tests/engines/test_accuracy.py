@@ -16,6 +16,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.accuracy import rates
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along, rates_at_start, string_rates
 from tensegrity_mj.engines.accuracy.search import Steps, common_divisor
 from tensegrity_mj.engines.mujoco.engine import LOOP_ORDER, ORDER
@@ -248,16 +249,20 @@ def test_every_run_records_multiples_of_the_unit() -> None:
         assert abs(coarser / interval - round(coarser / interval)) < 1e-9
 
 
-def test_the_rates_of_strings_bound_the_linearized_frequencies() -> None:
+def test_the_rates_of_strings_bound_the_linearized_frequencies(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = tmj.load_scene("prism")
     A = tmj.linearize(scene, engine=tmj.DAE()).A
     omega = np.max(np.abs(np.linalg.eigvals(A).imag))
     bound, decay = string_rates(scene.structure, scene.nodes0)
-    # The power iteration is good to some percent; geometric stiffness and supports change less than a factor of 2 here.
-    assert 0.97 * omega <= bound <= 2 * omega
+    # Geometric stiffness and supports change less than a factor of 2 here.
+    assert (1 - 1e-6) * omega <= bound <= 2 * omega
     assert decay == 0.0
     damped = scene.structure.with_strings(damping=scene.structure.stiffness)
     assert string_rates(damped, scene.nodes0)[1] == pytest.approx(bound**2, rel=1e-9)  # D = K, so λ = ω²
+    # The power method of larger structures comes from below, after k steps to a part (ln n)/2k of the largest of n λ
+    # on average over starts: 3 % of λ of 9, half of that of ω.
+    monkeypatch.setattr(rates, "DENSE", 0)
+    assert 0.97 * bound <= string_rates(scene.structure, scene.nodes0)[0] <= bound * (1 + 1e-9)
 
 
 def test_the_rates_of_a_short_rod_and_of_a_spin() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 RESOLVED = 1.0  # rad or time constants a step, at most, of a run that is evidence: where orders begin
 LOOKED_AT = 3  # samples of a run whose strings' directions are looked at
+DENSE = 100  # strings; of more, the power method takes less time than all eigenvalues do
 ITERATIONS = 40  # of the power method, good to some percent
 
 
@@ -135,7 +137,7 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
 
     Free thin rods move most: an impulse at one end of a rod of mass m moves it by I/m + 3 (I - bbᵀ)/m, the other end by
     I/m - 3 (I - bbᵀ)/m; one that carries masses moves by its own arms and moment. Supports only take freedom away, and
-    cannot raise a frequency (Cauchy's interlacing). By power iteration from a start that is the same each time.
+    cannot raise a frequency (Cauchy's interlacing). Of many strings by power iteration from the same start each time.
     """
     paths = structure.paths
     pairs, string = paths.nodes, paths.strings
@@ -155,30 +157,40 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     def moved(forces: Array) -> Array:
         out = np.zeros_like(forces)
         if len(rods):
-            first, second = forces[rods[:, 0]], forces[rods[:, 1]]
+            first, second = forces[:, rods[:, 0]], forces[:, rods[:, 1]]
             across = 2 * ((1 - apart) * second - apart * first)
-            across = across - b * np.sum(across * b, axis=1, keepdims=True)
+            across = across - b * np.sum(across * b, axis=2, keepdims=True)
             mean = (first + second) / masses
             # Joints: a node moves as little as the stiffest of its rods lets it.
-            out[rods[:, 0]] = mean - 3 * across / masses * back
-            out[rods[:, 1]] = mean + 3 * across / masses * ahead
+            out[:, rods[:, 0]] = mean - 3 * across / masses * back
+            out[:, rods[:, 1]] = mean + 3 * across / masses * ahead
         for frame, answers in solids:
-            out[frame.rows] = (answers @ forces[frame.rows].ravel()).reshape(-1, 3)
+            pushes = forces[:, frame.rows]
+            out[:, frame.rows] = (pushes.reshape(len(forces), -1) @ answers.T).reshape(pushes.shape)
         for row, mass in points:
-            out[row] = forces[row] / mass
+            out[:, row] = forces[:, row] / mass
         return out
 
     def largest(weights: Array) -> float:
         if not np.any(weights):
             return 0.0
         root = np.sqrt(weights)[string, None] * along
+
+        def answers(x: Array) -> Array:
+            """W^½ ∂L/∂q M⁻¹ (∂L/∂q)ᵀ W^½ x for K columns x (K, M)."""
+            forces = np.zeros((len(x), *nodes.shape))
+            pulls = root * x[:, string, None]
+            at: Any = (slice(None), pairs.T)
+            np.add.at(forces, at, np.stack([-pulls, pulls], axis=1))
+            return paths.total(np.sum(root * paths.spans(moved(forces)), axis=2))
+
+        if len(weights) <= DENSE:
+            matrix = answers(np.eye(len(weights)))
+            # Where rods share nodes it is not symmetric, and the norm a bound.
+            return float(np.linalg.norm(matrix, 2)) if np.isfinite(matrix).all() else 0.0
         x, value = np.cos(np.arange(len(weights)) + 1.0), 0.0  # of no string's pattern
         for _ in range(ITERATIONS):
-            x = x / max(float(np.linalg.norm(x)), 1e-300)
-            forces = np.zeros_like(nodes)
-            np.add.at(forces, pairs[:, 1], root * x[string, None])
-            np.add.at(forces, pairs[:, 0], -root * x[string, None])
-            x = paths.total(np.sum(root * paths.spans(moved(forces)), axis=1))
+            x = answers(x[None] / max(float(np.linalg.norm(x)), 1e-300))[0]
             value = float(np.linalg.norm(x))
         return value
 
