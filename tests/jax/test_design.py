@@ -39,6 +39,7 @@ def test_squares_of_frequencies_and_their_derivatives() -> None:
     turns = [one + one.T for one in generator.normal(size=(4, 5, 5))]
     stiff, mass = basis @ np.diag([1.0, 4.0, 9.0, 16.0, 25.0]) @ basis.T, 2 * np.eye(5) + 0.1 * turns[0]
 
+    @jax.jit
     def squares(y: Any) -> Any:
         return frequency_squares(stiff + 0.1 * (y[0] * turns[1] + y[1] * turns[2]), mass + 0.1 * y[1] * turns[3])
 
@@ -47,7 +48,7 @@ def test_squares_of_frequencies_and_their_derivatives() -> None:
     truth = eigh(stiff + 0.1 * (y[0] * turns[1] + y[1] * turns[2]), mass + 0.1 * y[1] * turns[3], eigvals_only=True)
     np.testing.assert_allclose(found, truth, rtol=0, atol=50 * EPS * truth[-1])
     for derive in (jax.jacfwd, jax.jacrev):
-        np.testing.assert_allclose(np.asarray(derive(squares)(y)), slopes(squares, y), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.asarray(jax.jit(derive(squares))(y)), slopes(squares, y), rtol=0, atol=1e-9)
 
 
 def test_equal_frequencies_have_derivatives_where_they_stay_equal() -> None:
@@ -59,7 +60,7 @@ def test_equal_frequencies_have_derivatives_where_they_stay_equal() -> None:
         return frequency_squares(basis @ scale @ basis.T, np.eye(3))
 
     for derive in (jax.jacfwd, jax.jacrev):
-        np.testing.assert_allclose(derive(squares)(2.0), [0.5, 0.5, 12.0], rtol=0, atol=50 * EPS * 12)
+        np.testing.assert_allclose(jax.jit(derive(squares))(2.0), [0.5, 0.5, 12.0], rtol=0, atol=50 * EPS * 12)
 
 
 def test_an_optimum_at_an_equation_a_limit_and_a_bound(example: Callable[[str], ModuleType]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from typing import Any
 
@@ -62,6 +63,7 @@ def model_of(scene: tmj.Scene, command: Any, actuation: Actuation, lengths: bool
     return Model(scene, [], law, actuation, 0.0)
 
 
+@functools.partial(jax.jit, static_argnums=0)
 def rest_lengths(model: Model, drop: Any = 0.0) -> Any:
     """L0 now, of what was sampled at the start where the law is; the first mass is lower by a drop meanwhile."""
     at = model.prepare(model.parameters)
@@ -100,7 +102,7 @@ def test_limits_of_some_strings_leave_derivatives_of_all(lengths: bool) -> None:
     # The first may have 16 N/m: 20 N, which its curve has at 0.1 + 0.1 / 3 m. The second keeps 0.9 m.
     scene = hanging(s0={"curve": POINTS, "max_force_density": 16.0}, s1={"stiffness": 70.0, "min_rest_length": 0.9})
     model = model_of(scene, [0.5, 0.5] if lengths else [50.0, 50.0], Actuation.continuous(), lengths)
-    found, slope = jax.value_and_grad(lambda drop: rest_lengths(model, drop).sum())(0.0)
+    found, slope = jax.jit(jax.value_and_grad(lambda drop: rest_lengths(model, drop).sum()))(0.0)
     assert float(found) == pytest.approx(1.25 - 0.1 - 0.1 / 3 + 0.9, abs=1e-15)
     # d(L - f⁻¹(u L))/dL = 1 - u/300 on that piece.
     assert float(slope) == pytest.approx(1 - 16 / 300, abs=1e-14)

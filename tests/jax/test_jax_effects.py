@@ -91,7 +91,7 @@ def test_forces_energies_and_what_is_given_are_those_of_the_element(name: str, n
     assert effect.gives == (element.work is Work.GIVEN)
     for which, function in (("energy", effect.energy), ("given", effect.given)):
         if function is not None:
-            values = np.asarray(function(effect.parameters, 0.7, *((x,) if which == "energy" else (x, v))))
+            values = np.asarray(jax.jit(function)(effect.parameters, 0.7, *((x,) if which == "energy" else (x, v))))
             assert values.shape == (3,)
             for k in range(3):
                 here = (scene, x[..., k]) if which == "energy" else (scene, 0.7, x[..., k], v[..., k])
@@ -131,7 +131,7 @@ def slope(function: Any, at: Any, way: Any) -> float:
     h = 1e-3
 
     def value(size: float) -> float:
-        return float(function(jax.tree.map(lambda a, b: a + size * b, at, way)))
+        return float(function(jax.tree.map(lambda a, b: np.asarray(a + size * b), at, way)))
 
     return (8 * (value(h) - value(-h)) - (value(2 * h) - value(-2 * h))) / (12 * h)
 
@@ -150,18 +150,19 @@ def test_derivatives_are_those_of_differences(name: str, number: int) -> None:
         total = (weights * forces(p, t, x, v)).sum()
         return total if effect.given is None else total + effect.given(p, t, x, v).sum()
 
-    at = jax.tree.map(jax.numpy.asarray, (effect.parameters, 0.7, x, v))
+    at = jax.tree.map(np.asarray, (effect.parameters, 0.7, x, v))
     way = jax.tree.map(lambda a: rng.normal(size=np.shape(a)), at)
     reverse = jax.tree.map(np.asarray, jax.jit(jax.grad(work))(at))
+    forward = jax.jit(lambda at, way: jax.jvp(work, (at,), (way,))[1])
     # Along a way of up to 3 (metres, m/s, parameters) forces change with rates r up to 13, as spans of 0.3 m turn:
     # differences leave out (h r)⁴/30 = 1e-9 of the derivative, and 1.5 · 2e-16/h of the value.
     for part in range(4):
-        here = tuple(w if k == part else jax.tree.map(jax.numpy.zeros_like, w) for k, w in enumerate(way))
+        here = tuple(w if k == part else jax.tree.map(np.zeros_like, w) for k, w in enumerate(way))
         terms = [np.sum(a * b) for a, b in zip(jax.tree.leaves(reverse), jax.tree.leaves(here), strict=True)]
         sizes = [np.sum(np.abs(a * b)) for a, b in zip(jax.tree.leaves(reverse), jax.tree.leaves(here), strict=True)]
         assert abs(slope(work, at, here) - sum(terms)) <= 1e-9 * sum(sizes) + 1e-12 * abs(float(work(at)))
         # Forward and reverse add up the same products, of some 100 operations, in other orders.
-        assert abs(float(jax.jvp(work, (at,), (here,))[1]) - sum(terms)) <= 1e-13 * sum(sizes)
+        assert abs(float(forward(at, here)) - sum(terms)) <= 1e-13 * sum(sizes)
 
 
 def test_derivatives_exist_where_nothing_moves() -> None:
@@ -193,17 +194,17 @@ def test_derivatives_exist_where_nothing_moves() -> None:
 def test_parameters_may_have_a_batch(name: str) -> None:
     scene = SCENES[name]
     x, v = state(scene)
-    scales = jax.numpy.array([1.0, 0.5, 2.0])
+    scales = np.array([1.0, 0.5, 2.0])
     for element in scene.effects:
         effect = array_effect(element, scene)
         forces = forces_of(effect)
-        many = jax.tree.map(lambda a: jax.numpy.asarray(a)[..., None] * scales, effect.parameters)
-        together = forces(many, 0.7, x, v)
+        many = jax.tree.map(lambda a: np.asarray(a)[..., None] * scales, effect.parameters)
+        together = np.asarray(forces(many, 0.7, x, v))
         for k in range(3):
             one = jax.tree.map(lambda a, k=k: np.asarray(a) * scales[k], effect.parameters)
             alone = forces(one, 0.7, x[..., k], v[..., k])
             # As above, of forces of up to 100 N.
-            assert np.asarray(together[..., k]) == pytest.approx(np.asarray(alone), rel=1e-13, abs=1e-12)
+            assert together[..., k] == pytest.approx(np.asarray(alone), rel=1e-13, abs=1e-12)
 
 
 def test_loads_by_a_function_are_refused_by_name() -> None:

@@ -252,7 +252,8 @@ def test_allocation(norm):
     capped = np.array([True, False, True, True, False, True, True])
     ceiling = floor + rng.choice([0.0, 0.5, 3.0, 30.0], (M, B))
     ceiling[0, :3] -= 1.0
-    u, margin = least_norm(v, alpha, floor, np.where(capped[:, None], ceiling, 0.0), capped, norm)
+    together = jax.jit(lambda *given: least_norm(*given, capped, norm))
+    u, margin = map(np.asarray, together(v, alpha, floor, np.where(capped[:, None], ceiling, 0.0)))
     scarce = 0
     for b in range(B):
         out = np.zeros(M)
@@ -308,11 +309,12 @@ def test_commands_of_ropes_are_spread(command):
     run = tmj.simulate(scene, law, tmj.DAE(), duration=0.05, output_interval=0.01)
     own = array_law(law, scene.structure)
     assert own.returns_lengths
+    command = jax.jit(own.command)
     for t, x, v, expected in zip(run.time, run.nodes, run.velocities, run.rest_lengths, strict=True):
-        found, _ = own.command(own.parameters, t, x, v)
+        found, _ = command(own.parameters, t, x, v)
         np.testing.assert_allclose(found, expected, rtol=16 * EPS)
     x = np.stack([run.nodes[0], run.nodes[-1]], axis=-1)
-    np.testing.assert_allclose(own.command(own.parameters, 0.0, x, 0 * x)[0].shape, (len(scene.structure.strings), 2))
+    np.testing.assert_allclose(command(own.parameters, 0.0, x, 0 * x)[0].shape, (len(scene.structure.strings), 2))
 
 
 def test_a_policy_is_a_law_of_every_engine():
@@ -329,7 +331,7 @@ def test_a_policy_is_a_law_of_every_engine():
     runs = [tmj.simulate(scene, law, engine, duration=0.1) for engine in (tmj.MuJoCo(timestep=1e-3), tmj.DAE())]
     assert tmj.compare(*runs).max_node_error < 1e-6
     own = array_law(law, scene.structure)
-    u, report = own.command(own.parameters, 0.3, np.stack([x, x], axis=-1), np.stack([v, v], axis=-1))
+    u, report = jax.jit(own.command)(own.parameters, 0.3, np.stack([x, x], axis=-1), np.stack([v, v], axis=-1))
     np.testing.assert_allclose(u, np.stack([expected, expected], axis=-1), rtol=4 * EPS)
     assert report.shape == (5, 2)
 
@@ -377,5 +379,5 @@ def test_structures_without_rods_have_laws() -> None:
     law = Lyapunov(structure, target)
     arrays = array_law(law, structure)
     state = structure.positions, np.zeros((5, 3))
-    u = arrays.command(arrays.parameters, 0.0, *state)[0]
+    u = jax.jit(arrays.command)(arrays.parameters, 0.0, *state)[0]
     np.testing.assert_allclose(u, law(0.0, *state), rtol=64 * EPS * 4, atol=0)

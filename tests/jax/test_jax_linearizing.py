@@ -37,7 +37,7 @@ def test_quadratic_programs_and_that_some_have_no_solution():
     for number in range(400):
         problem = random_problem(rng, feasible=number % 4 != 0)
         status, u = solve(problem)
-        found, violation = search(*padded(problem))
+        found, violation = map(np.asarray, search(*padded(problem)))
         solved = status == 0
         counts[solved] += 1
         assert bool(np.all(np.isfinite(found))) is solved, number

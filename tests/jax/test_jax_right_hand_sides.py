@@ -24,10 +24,10 @@ from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.rods import lumped_masses
 
-jax = pytest.importorskip("jax")
+pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from features import FEATURES  # noqa: E402
+from features import FEATURES
 
 TIMES = (0.0, 0.05, 0.1)
 # What the engine refuses, and what the message names.
@@ -77,9 +77,7 @@ def mobility(scene: tmj.Scene) -> Array:
     from tensegrity_mj.engines.jax.system import System
 
     system = System(scene)
-    # Compiled as a whole; without added mass, which makes nothing lighter.
-    dry = (None,) if system.wet else ()
-    W = np.asarray(jax.jit(lambda p: system.mobility(p, *dry).whole)(system.parameters()))
+    W = system.mobility(system.parameters()).whole  # without added mass, which makes nothing lighter
     blocks = np.abs(W) if W.ndim == 2 else np.abs(W).max(axis=(1, 3))
     return np.asarray(np.abs(system.maps) @ blocks @ np.abs(system.maps.T))
 
@@ -102,6 +100,15 @@ def test_accelerations_are_those_of_the_dae(name: str) -> None:
     print(f"{name}: {worst:.1e} of Σ |W| |f|, accelerations up to {largest:.1e} m/s²")
     assert worst < 1e-12
     assert largest > 1e-6  # in motion, or a comparison of zeros
+
+
+@pytest.mark.parametrize("name", ["dampers", "constraints"])
+def test_what_is_known_before_a_run_needs_no_compiling(name: str) -> None:
+    """JAX would compile each operation on arrays that it has not seen the shape of, 20 to 30 ms each."""
+    from tensegrity_mj.engines.jax.system import System
+
+    system = System(scene_of(name))
+    assert all(isinstance(one, np.ndarray) for one in system.mobility(system.parameters())[:3])
 
 
 @pytest.mark.parametrize("name", REFUSED)

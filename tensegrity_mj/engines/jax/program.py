@@ -240,7 +240,8 @@ class Program:
         # Where the law has no command at the start, strings are as they are.
         if row is not None and np.all(row.works[0, VOID] > 0):
             lawless = Model(self.request.scene, model.effects, None, self.request.actuation, 0.0)
-            parts.append(begin(lawless, self.parameters)[-1]._replace(works=row.works, report=row.report))
+            still = compiled(partial(begin, lawless), self.parameters)(self.parameters)[-1]
+            parts.append(still._replace(works=row.works, report=row.report))
         most = [max(1, min(MOST_ROWS, MOST_STEPS // self.steps.stride))]
         with progress(self.request, label) as show:
             for piece in () if parts else self.steps.pieces(partial(pieces, most=most)):

@@ -170,7 +170,7 @@ class System:
         self.of_constraints = (np.arange(len(structure.constraints))[:, None] == np.array(links, int)) @ self.inverse.T
 
     def _is_apart(self) -> bool:
-        between = np.asarray(self.mobility(self.parameters()).between)
+        between = self.mobility(self.parameters()).between
         V = len(self.spans)
         blocks = np.abs(between) if between.ndim == 2 else np.abs(between).max(axis=(1, 3))
         return V == 0 or float((blocks * (1 - np.eye(V))).max(initial=0.0)) <= 1e-12 * float(blocks.max())
@@ -186,13 +186,13 @@ class System:
     def mass(self, parameters: Arrays) -> Any:
         """M (C, C) [kg] of ½ ẏᵀ M ẏ."""
         structure = self.structure
-        own, (total, first, second) = jnp.asarray(parameters["rod_masses"]), structure.rod_lumps
+        own, (total, first, second) = parameters["rod_masses"], structure.rod_lumps
         ends = (own / 3 + total - 2 * first + second, own / 3 + second)  # ∫ (1 - s)² dm, ∫ s² dm
         i, j = self.rods
         both = i.T @ ((own / 6 + first - second)[:, None] * j)
         M = both + both.T + sum(end.T @ (m[:, None] * end) for end, m in zip((i, j), ends, strict=True))
         rows = [structure.node_index[point.node] for point in structure.lone_masses]
-        M = M + self.maps[rows].T @ (jnp.asarray(parameters["point_masses"])[:, None] * self.maps[rows])
+        M = M + self.maps[rows].T @ (parameters["point_masses"][:, None] * self.maps[rows])
         constant = np.zeros((self.size, self.size))
         at = self.size - 4 * len(structure.moving_frames)
         for frame in structure.moving_frames:
@@ -204,15 +204,16 @@ class System:
     def mobility(self, parameters: Arrays, added: Any = None) -> Mobility:
         """W, E W Eᵀ and M of masses; `added` (C, 3, C, 3, ...) of what also answers accelerations."""
         M = self.mass(parameters)
+        xp = (M if added is None else added).__array_namespace__()  # NumPy where all is known
         if added is None and self.free is None:
-            inverse = jnp.linalg.inv(M)
+            inverse = xp.linalg.inv(M)
             return Mobility(inverse, self.spans @ inverse @ self.spans.T, M)
         C, Z = self.size, np.eye(3 * self.size) if self.free is None else self.free
-        full, batch = jnp.kron(M, np.eye(3))[None], () if added is None else added.shape[4:]
+        full, batch = xp.kron(M, np.eye(3))[None], () if added is None else added.shape[4:]
         if added is not None:
-            full = full + jnp.moveaxis(added.reshape(3 * C, 3 * C, -1), -1, 0)
-        W = jnp.moveaxis(Z @ jnp.linalg.inv(Z.T @ full @ Z) @ Z.T, 0, -1).reshape(C, 3, C, 3, *batch)
-        return Mobility(W, jnp.einsum("vc,cidj...,wd->viwj...", self.spans, W, self.spans), M, added)
+            full = full + xp.moveaxis(added.reshape(3 * C, 3 * C, -1), -1, 0)
+        W = xp.moveaxis(Z @ xp.linalg.inv(Z.T @ full @ Z) @ Z.T, 0, -1).reshape(C, 3, C, 3, *batch)
+        return Mobility(W, xp.einsum("vc,cidj...,wd->viwj...", self.spans, W, self.spans, optimize=True), M, added)
 
     def prescribed(self, t: Any) -> tuple[Place, Place, Place]:
         """Places prescribed by supports and fixed nodes at a time [s], and their first two derivatives."""
