@@ -71,11 +71,13 @@ def real_array(
     """
     try:
         array = np.asarray(value)
-        if np.iscomplexobj(array) or array.dtype == bool:
+        if array.dtype.kind in "cb":  # complex, or bool
             raise TypeError
-        if array.shape != shape and not (scalar and array.shape == ()):
-            raise ValueError
-        array = np.broadcast_to(array.astype(float), shape)
+        array = array.astype(float)
+        if array.shape != shape:
+            if not scalar or array.shape:
+                raise ValueError
+            array = np.broadcast_to(array, shape)
     except (TypeError, ValueError, OverflowError):
         allowed = f"{'a number or ' if scalar else ''}an array of shape {shape}"
         found = f" of shape {shape_of(value)}" if shape_of(value) else ""

@@ -81,13 +81,19 @@ def field(
         return attrs.field(**options, eq=eq)
     kind = or_none(kind) if none else kind
     plain = kind.plain
+    usual: list[Any] = []  # the default as it is once it is plain
 
     def convert(given: Any, item: Any, itself: attrs.Attribute[Any]) -> Any:
+        if usual and given is default:
+            return usual[0]
         try:
-            return plain(given)
+            found = plain(given)
         except Wrong as wrong:
             text = f"{key or itself.name}{wrong}{none and f', or {none}'}"
             raise refused(item, text, {itself.name: given}) from None
+        if given is default:
+            usual.append(found)
+        return found
 
     converter = attrs.Converter(convert, takes_self=True, takes_field=True)
     return attrs.field(**options, eq=eq, converter=converter, metadata={"kind": kind, "key": key})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
 from collections.abc import Callable, Hashable
-from typing import Any
+from typing import Any, TypeVar
 
+T = TypeVar("T")
 MOST = 4  # values an owner: those made last
 
 
@@ -33,3 +35,15 @@ class Remembered:
 
     def __len__(self) -> int:
         return len(self._entries)
+
+
+def once(make: Callable[[Any], T]) -> Callable[[Any], T]:
+    """Decorate a function of an object that never changes: it is called once for each, and its value is shared."""
+    values = Remembered()
+
+    @functools.wraps(make)
+    def value_of(owner: Any) -> T:
+        found: T = values.get(owner, None, lambda: make(owner))
+        return found
+
+    return value_of

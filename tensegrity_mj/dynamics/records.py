@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.remembered import Remembered
+from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.model.capabilities import require_class_1
-from tensegrity_mj.model.rods import centers_and_moments, inertia_terms
+from tensegrity_mj.model.rods import centers_and_moments, inertia_terms, own_masses
 from tensegrity_mj.model.structure import Structure
 
 Records = np.ndarray[Any, Any]
-_made = Remembered()  # rods, points and nq of structures of class 1, which all that read them share
 
 # q of a rod is (z, β): r = anchor + E z (2.41) and b = B β, with B the identity in space, a plane's basis if planar.
 ROD = np.dtype(
@@ -57,27 +56,23 @@ POINT = np.dtype(
 def rod_records(structure: Structure) -> Records:
     """The rods' records (R,) of `ROD`, each as if it were alone; where their coordinates start is left at 0."""
     rods = np.zeros(len(structure.rods), ROD)
+    rods["i"], rods["j"] = structure.rod_nodes.T
+    rods["mass"], rods["length"], rods["rigid"] = structure.rod_masses, structure.rod_lengths, ~structure.elastic
+    rods["center"] = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)[0]
     for number, rod in enumerate(structure.rods):
-        support = rod.support
-        i, j = (int(n) for n in structure.rod_nodes[number])
-        E, B = support.translation_basis, support.rotation_basis
-        length = float(structure.rod_lengths[number])
-        r = (1 - support.sigma) * structure.positions[i] + support.sigma * structure.positions[j]
-        record = rods[number]
-        record["i"], record["j"] = i, j
-        record["nz"], record["nb"] = E.shape[1], B.shape[1]
-        lumps = structure.rod_lumps[:, number]
-        record["mass"], record["length"], record["sigma"] = structure.rod_masses[number], length, support.sigma
-        record["center"] = centers_and_moments(rod.mass, length, lumps)[0]
-        record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma, lumps)
-        record["rigid"] = rod.stiffness is None
-        record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
-        record["E"][:, : E.shape[1]] = E
-        record["B"][:, : B.shape[1]] = B
-        # Positive definite: f² < m J wherever the rod is held.
-        share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
-        record["W"] = E @ np.linalg.solve(record["mass"] * np.eye(E.shape[1]) - share, E.T)
+        support, record = rod.support, rods[number]
+        E, B, sigma = support.translation_basis, support.rotation_basis, support.sigma
+        nz, nb = record["nz"], record["nb"] = E.shape[1], B.shape[1]
+        length, lumps = float(structure.rod_lengths[number]), structure.rod_lumps[:, number]
+        record["sigma"], (record["f"], record["J"]) = sigma, inertia_terms(rod.mass, length, sigma, lumps)
+        record["E"][:, :nz], record["B"][:, :nb] = E, B
+        if nz > 0:  # positive definite: f² < m J wherever the rod is held
+            share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
+            record["W"] = E @ np.linalg.solve(record["mass"] * np.eye(nz) - share, E.T)
+        i, j = structure.rod_nodes[number]
+        r = (1 - sigma) * structure.positions[i] + sigma * structure.positions[j]
         record["anchor"] = r - E @ (E.T @ r)
+    rods["per_length"], rods["per_J"] = 1.0 / rods["length"], 1.0 / rods["J"]
     return rods
 
 
@@ -134,6 +129,16 @@ class MemberRecords:
         return q[: self.nq]
 
 
+@once
+def _of_class_1(structure: Structure) -> tuple[Records, Records, int]:
+    """Rods, points and nq."""
+    rods = rod_records(structure)
+    sizes = rods["nz"] + rods["nb"]
+    rods["q"] = np.cumsum(sizes) - sizes
+    points = point_records(structure, int(sizes.sum()))
+    return rods, points, int(sizes.sum() + points["nz"].sum())
+
+
 @dataclass(frozen=True, eq=False)
 class StructureRecords(MemberRecords):
     """Records of a structure of class 1, where every rod has its own z: nq is that of the thesis' model (2.91)."""
@@ -146,15 +151,7 @@ class StructureRecords(MemberRecords):
             StructureError: where rods share nodes; `linked.LinkedRecords` has the model of those.
         """
         require_class_1(structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
-        return cls(structure, *_made.get(structure, "", lambda: cls._make(structure)))
-
-    @staticmethod
-    def _make(structure: Structure) -> tuple[Records, Records, int]:
-        rods = rod_records(structure)
-        sizes = rods["nz"] + rods["nb"]
-        rods["q"] = np.cumsum(sizes) - sizes
-        points = point_records(structure, int(sizes.sum()))
-        return rods, points, int(sizes.sum() + points["nz"].sum())
+        return cls(structure, *_of_class_1(structure))
 
     @cached_property
     def affine_map(self) -> tuple[Array, Array]:

@@ -90,7 +90,7 @@ def make_trajectory(
         winch, lost, external = (column - column[:1] for column in (winch, lost, external))
     states = rows[:, at : at + (0 if plant is None else plant.elements.states.shape[1])].copy()
     at += states.shape[1]
-    reported: dict[str, Any] = {report.name.lower(): rows[:, at + report].copy() for report in Report}
+    reported: dict[str, Any] = {name.lower(): rows[:, at + n].copy() for n, name in enumerate(Report.__members__)}
     lengths = structure.string_lengths(nodes)
     if isinstance(rod, RodMotion):
         forces = rods.string_forces(structure, nodes, tensions)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import IntArray
+from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.model.structure import Structure
 
 
@@ -50,6 +51,7 @@ class Forest:
         return hinges + list(self.closures)
 
 
+@once
 def spanning_forest(structure: Structure) -> Forest:
     """The forest of a structure: breadth first, the same for the same structure.
 
@@ -57,7 +59,7 @@ def spanning_forest(structure: Structure) -> Forest:
     longest path (found by two sweeps). A rod that is held is always a root, for a support says where r is. A planar
     rod has its height from the rod that it hangs on, which is planar, too: structures see to that.
     """
-    pairs = structure.rod_nodes
+    pairs = structure.rod_nodes.tolist()
     count = len(pairs)
     at_node: list[list[int]] = [[] for _ in structure.nodes]
     for rod, (i, j) in enumerate(pairs):
@@ -89,9 +91,9 @@ def spanning_forest(structure: Structure) -> Forest:
     for first in range(count):
         if not seen[first]:
             grow([_middle(first, pairs, at_node)])
-    flipped = np.array([hinge[rod] == pairs[rod, 1] for rod in range(count)], bool)
+    flipped = np.array([hinge[rod] == pairs[rod][1] for rod in range(count)], bool)
     closures = [
-        (int(node), int(owner[node]), rod)
+        (node, int(owner[node]), rod)
         for rod in order
         for node in pairs[rod]
         if owner[node] != rod and hinge[rod] != node
@@ -99,7 +101,7 @@ def spanning_forest(structure: Structure) -> Forest:
     return Forest(np.array(order, np.int64), parent, hinge, flipped, tuple(closures), owner)
 
 
-def _middle(first: int, pairs: IntArray, at_node: list[list[int]]) -> int:
+def _middle(first: int, pairs: list[list[int]], at_node: list[list[int]]) -> int:
     """The rod in the middle of a longest path among those that hang together with a rod, none of which is held."""
 
     def sweep(start: int) -> dict[int, int]:

@@ -110,11 +110,9 @@ class Support:
     @cached_property
     def translation_basis(self) -> Array:
         """E of (2.41): orthonormal basis (3, nz) of the directions in which the point at σ moves."""
-        basis = null_space_basis(self.constraint_rows)
-        basis.flags.writeable = False
-        return basis
+        return null_space_basis(self.constraint_rows)
 
-    @property
+    @cached_property
     def rotation_basis(self) -> Array:
         """Orthonormal basis (3, nb) of the directions that b may have: the plane, or all of space."""
         return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
@@ -350,14 +348,17 @@ def lumps_of(rods: Sequence[Rod], lengths: Array, points: Sequence[PointMass]) -
 
 
 def null_space_basis(rows: Array) -> Array:
-    """Orthonormal basis (3, 3 - r) of the vectors orthogonal to the given rows (r, 3).
+    """Orthonormal basis (3, 3 - r) of the vectors orthogonal to the given rows (r, 3), which is not to be changed.
 
     Columns are aligned with world axes where those are admissible, so that axis-parallel supports give
     unit vectors exactly.
     """
     if all(sum(map(bool, row)) == 1 for row in rows.tolist()):  # along axes, or none
-        return np.eye(3)[:, ~rows.any(axis=0)]
-    return null_space_bases(rows[None])[0]
+        basis = np.eye(3)[:, ~rows.any(axis=0)]
+    else:
+        basis = null_space_bases(rows[None])[0]
+    basis.flags.writeable = False
+    return basis
 
 
 def null_space_bases(stack: Array) -> Array:

@@ -7,7 +7,7 @@ by the transpose (`nodal_forces`). Supports leave the free coordinates of `free_
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -233,7 +233,7 @@ def equilibrium_force_densities(
     """
     positions = nodes_of(structure, nodes)
     matrix, external = equilibrium_equations(structure, positions, free_motions(structure, positions), gravity, loads)
-    modes = len(balanced_states(matrix, external).modes)
+    modes = len(structure.strings) - _rank(np.linalg.svd(matrix, compute_uv=False))
     if not structure.strings:
         return Equilibrium(np.zeros(0), float(np.linalg.norm(external)), modes)
     if not external.any():
@@ -262,11 +262,15 @@ def equilibrium_equations(
 
 def balanced_states(matrix: Array, external: Array) -> BalancedStates:
     left, singular, right = np.linalg.svd(matrix)
-    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
+    rank = _rank(singular)
     modes = right[rank:]
     modes = modes * np.where(modes.sum(axis=1) < 0, -1.0, 1.0)[:, None]
     particular = -right[:rank].T @ (left[:, :rank].T @ external / singular[:rank])
     return BalancedStates(modes, particular, matrix @ particular + external, singular)
+
+
+def _rank(singular: Any) -> int:
+    return int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
 
 
 def count_rigid_motions(positions: Array, motions: Array) -> int:
@@ -288,8 +292,8 @@ def _string_forces(structure: Structure, positions: Array) -> Array:
 
 def loads_on(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
     """External forces and weights on the nodes (N, 3) [N]."""
-    given = np.zeros((len(structure.nodes), 3)) if loads is None else loads
-    forces = np.array(real_array("loads", given, (len(structure.nodes), 3), "N", False, StructureError))
+    shape = (len(structure.nodes), 3)
+    forces = np.zeros(shape) if loads is None else real_array("loads", loads, shape, "N", False, StructureError)
     if gravity is not None:
         g = real_array("gravity", gravity, (3,), "m/s²", False, StructureError)
         forces += lumped_masses(structure)[:, None] * g

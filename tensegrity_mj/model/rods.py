@@ -11,6 +11,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
 from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -28,6 +29,7 @@ def inertia_terms(mass: Any, length: Any, sigma: Any, lumps: Any = NONE) -> tupl
     return f, J + length**2 * (second - 2 * sigma * first + sigma**2 * total)
 
 
+@once
 def inertia_of_rods(structure: Structure) -> tuple[Array, Array]:
     """f and J (R,) at the rods' own σ."""
     return inertia_terms(own_masses(structure), structure.rod_lengths, _sigmas(structure), structure.rod_lumps)
@@ -115,14 +117,14 @@ def mass_at_ends(structure: Structure) -> Array:
     return np.stack([half + (total - first), half + first], axis=1)
 
 
+@once
 def lumped_masses(structure: Structure) -> Array:
     """(N,) [kg]: half a uniform rod's mass at each end, point masses where they are. Exact for weight and momentum.
 
     Of a body as much at each node, of any sign, as the centre of mass is of them.
     """
     masses = np.zeros(len(structure.nodes))
-    for pair, shares in zip(structure.rod_nodes, mass_at_ends(structure), strict=True):
-        masses[pair] += shares
+    np.add.at(masses, structure.rod_nodes, mass_at_ends(structure))
     for point in structure.lone_masses:
         masses[structure.node_index[point.node]] += point.mass
     for body, frame in zip(structure.bodies, structure.frames, strict=True):

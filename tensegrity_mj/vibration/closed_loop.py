@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -120,8 +119,7 @@ class Loop:
             InfeasibleError, ControllerError: what the law says at the state.
         """
         structure, law = self.scene.structure, self.law
-        events = {event.string: event.time for event in self.scene.breaks}
-        broken = np.array([events.get(string.name, math.inf) <= time for string in structure.strings], bool)
+        broken = self.scene.break_times <= time
         densities = None
         rest = structure.rest_lengths if rest_lengths is None else rest_lengths
         if law is not None:

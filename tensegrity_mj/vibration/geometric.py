@@ -69,9 +69,10 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     # Forces that cancel leave round-off, which is no stiffness.
     noise = bodies.length * forces_round_off(state, sizes)[:R] + ROUND_OFF * norm(bends)
     along = np.where(np.abs(along) > noise, along, 0.0)
-    bars = Bars.of(structure)
-    _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
-    along[bars.rows] = pulled / lengths * bars.lengths**2  # what holds an elastic rod's length is its own force
+    if structure.elastic.any():
+        bars = Bars.of(structure)
+        _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
+        along[bars.rows] = pulled / lengths * bars.lengths**2  # what holds an elastic rod's length is its own force
     blocks = _on_turns(state, along + bodies.J[:R] * turning, b_rate)
     for number, frame in bodies.frames:
         away = state.nodes[frame.rows] - frame.placed(state.nodes)[0]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tensegrity_mj.basics.remembered import MOST, Remembered
+from tensegrity_mj.basics.remembered import MOST, Remembered, once
 
 
 class Owner:
@@ -52,3 +52,15 @@ def test_what_fails_is_not_remembered() -> None:
     with pytest.raises(ZeroDivisionError):
         kept.get(owner, 0, lambda: 1 / 0)
     assert kept.get(owner, 0, lambda: 1.0) == 1.0
+
+
+def test_a_function_is_called_once_for_each_object() -> None:
+    made: list[Owner] = []
+
+    @once
+    def count(owner: Owner) -> int:
+        made.append(owner)
+        return len(made)
+
+    first, second = Owner(), Owner()
+    assert [count(one) for one in (first, second, first, second)] == [1, 2, 1, 2]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from evidence.random_structures import random_rotation, random_structure
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.members import PointMass, Rod, RodMass, String, Support, null_space_basis
+from tensegrity_mj.model.members import PointMass, Rod, RodMass, String, Support, null_space_bases, null_space_basis
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 
@@ -455,6 +455,12 @@ def test_the_basis_is_orthonormal_and_orthogonal_to_the_rows(seed: int, count: i
     assert basis.shape == (3, 3 - count)
     np.testing.assert_allclose(basis.T @ basis, np.eye(3 - count), atol=1e-14)
     np.testing.assert_allclose(random_rotation(np.random.default_rng(seed))[:count] @ basis, 0.0, atol=1e-14)
+
+
+def test_bases_of_many_are_those_of_each() -> None:
+    for count in (1, 2):
+        stack = np.random.default_rng(count).normal(size=(20, count, 3))
+        np.testing.assert_array_equal(null_space_bases(stack), [null_space_basis(rows) for rows in stack])
 
 
 def test_axis_parallel_supports_give_unit_vectors_exactly() -> None:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array, rotations_to, unit
-from tensegrity_mj.basics.remembered import Remembered
+from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import held_directions
@@ -142,16 +142,9 @@ class BodyTree:
         return int(depths.max(initial=0))
 
 
+@once
 def body_tree(scene: Scene) -> BodyTree:
-    """The bodies of a scene's model, remembered while the scene lives."""
-    found: BodyTree = _remembered.get(scene, None, lambda: _body_tree(scene))
-    return found
-
-
-_remembered = Remembered()
-
-
-def _body_tree(scene: Scene) -> BodyTree:
+    """The bodies of a scene's model."""
     structure = scene.structure
     forest = spanning_forest(structure)
     motions = {motion.support: motion for motion in scene.motions}
