@@ -93,7 +93,7 @@ def test_what_is_unstable_has_a_rate_and_no_frequency(capsys: pytest.CaptureFixt
 
 
 def test_a_path_ends_where_one_step_ends(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    data = ask(capsys, "truss_arm", *LOAD, "--path", "--points", "20", "--out", tmp_path / "arm")
+    data = ask(capsys, "truss_arm", *LOAD, "--path", "--points", "10", "--out", tmp_path / "arm")
     alone = ask(capsys, "truss_arm", *LOAD)
     # Both are equilibria to round-off of forces over a stiffness of 13 N/m or more.
     for name, place in data["equilibrium"]["nodes"].items():
@@ -124,7 +124,7 @@ def test_strings_become_slack_where_the_path_says(capsys: pytest.CaptureFixture[
 
 
 def test_the_force_of_a_hold_moves_as_far(capsys: pytest.CaptureFixture[str]) -> None:
-    held = ask(capsys, "truss_arm", "--hold", "t4:z=0,0,-0.2", "--path", "--points", "20")
+    held = ask(capsys, "truss_arm", "--hold", "t4:z=0,0,-0.2", "--path", "--points", "10")
     force = held["equilibrium"]["reactions"]["t4"]
     assert force[0] == pytest.approx(0, abs=1e-9)
     assert force[1] == pytest.approx(0, abs=1e-9)
@@ -174,7 +174,7 @@ def test_relaxation_alone(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_members(strong: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    data = ask(capsys, strong, *LOAD, "--rods", "elastic", "--path", "--points", "20")
+    data = ask(capsys, strong, *LOAD, "--rods", "elastic", "--path", "--points", "10")
     assert data["setup"]["rods"] == "elastic"
     rod = data["equilibrium"]["rods"]["lower1"]
     area = tmj.model.Section.tube(5e-3, 1e-3, 70e9).area

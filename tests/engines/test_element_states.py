@@ -167,16 +167,16 @@ def test_steps_that_are_split_where_a_string_goes_slack_keep_their_order(name: s
     reference = tmj.simulate(scene, engine=tmj.DAE(rtol=1e-12, atol=1e-13), duration=0.8, output_interval=0.02)
     assert np.sum(np.diff((reference.tensions[:, 0] > 0).astype(int)) != 0) >= 2  # it goes slack, and taut
     errors, residuals = [], []
-    for h in (0.005, 0.0025, 0.00125):
+    for h in (0.005, 0.00125):
         run = tmj.simulate(scene, engine=fixed(name, h, locate_slack=True), duration=0.8, output_interval=0.02)
         gap = np.abs(run.element_states - reference.element_states).max()
         errors.append(max(tmj.compare(run, reference).max_node_error, float(gap)))
         residuals.append(run.energy_residual)
     # The next term of the error is h/τ = 0.1 of the leading one for the shortest lag: within half an order.
-    assert errors[2] < errors[0] / 2 ** (2 * 3.5)
-    assert residuals[2] < residuals[0] / 2 ** (2 * 3.5)
+    assert errors[1] < errors[0] / 2 ** (2 * 3.5)
+    assert residuals[1] < residuals[0] / 2 ** (2 * 3.5)
     plain = tmj.simulate(scene, engine=fixed(name, 0.00125), duration=0.8, output_interval=0.02)
-    assert np.abs(plain.element_states - reference.element_states).max() > 10 * errors[2]
+    assert np.abs(plain.element_states - reference.element_states).max() > 10 * errors[1]
 
 
 @pytest.mark.parametrize("rods", [1, 3])

@@ -435,7 +435,7 @@ A = zeros(2,2); A(1,2) = 5; A(:,1) = [8 9]; % columns take rows of their size
 
 def test_matrices_are_limited_before_they_are_made() -> None:
     many = "; ".join(f"a{number} = ones(1000,1500)" for number in range(40))
-    values, unread = data_of(many + "; b = [" + "ones(1000,1500) " * 20_000 + "];")
+    values, unread = data_of(many + "; b = [" + "ones(1000,1500) " * 2_000 + "];")
     # 1.5 million numbers each: seven fit into ten million, and one more is kept before the sum is above.
     assert len(values) == 7
     assert "more numbers than are kept" in unread[0]

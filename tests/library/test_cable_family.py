@@ -242,7 +242,7 @@ def test_many_rods_hang_as_a_catenary() -> None:
 
 @pytest.mark.parametrize(
     ("count", "span", "rise"),
-    [(2000, 2.0, 0.3), (22, 1e-100, 0.0), (21, 1e-3, 0.0), (40, 0.1, -2.6), (22, 2.75 - 1e-9, 0.0)],
+    [(500, 2.0, 0.3), (22, 1e-100, 0.0), (21, 1e-3, 0.0), (40, 0.1, -2.6), (22, 2.75 - 1e-9, 0.0)],
 )
 def test_fine_folded_steep_and_taut_cables_hang(count: int, span: float, rise: float) -> None:
     scene = suspended_cable(count, span=span, rise=rise, amplitude=0.0)

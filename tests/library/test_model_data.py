@@ -149,7 +149,7 @@ def test_what_the_readmes_of_linked_rods_promise() -> None:
     """To the digits that they give; the runs' own errors are far below."""
 
     def run(name: str, **options: float) -> tmj.Trajectory:
-        return tmj.simulate(load_scene(name), None, tmj.DAE(rtol=1e-9, atol=1e-11, **options))  # type: ignore[arg-type]
+        return tmj.simulate(load_scene(name), None, tmj.DAE(rtol=1e-7, atol=1e-9, **options))  # type: ignore[arg-type]
 
     hanging, sagging, net_run, arm, bars = (run(n) for n in ("cable", "suspended_cable", "net", "truss_arm", "dbar"))
     for node, swing in ((12, 0.44), (7, 0.19)):

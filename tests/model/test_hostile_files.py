@@ -265,7 +265,7 @@ def test_messages_stay_short(change: tuple[str, str], tmp_path: Path) -> None:
 
 
 def test_unknown_members_of_large_structures_give_short_messages(tmp_path: Path) -> None:
-    scene = load_scene("tower(stages=300, form_found=False)")
+    scene = load_scene("tower(stages=100, form_found=False)")
     path = tmp_path / "tower.toml"
     save_scene(scene, path)
     text = path.read_text(encoding="utf-8")

@@ -84,7 +84,7 @@ def inclined_rods(count, seed=4):
 @pytest.mark.third_means("water.immerse by segments", by="inertia of an inclined rod in closed form")
 def test_inertia_of_inclined_rods_errs_by_no_more_than_its_bound_and_falls_with_the_square_of_segments() -> None:
     worst = {"force": 0.0, "moment": 0.0}
-    for wave, start, b, length in inclined_rods(150):
+    for wave, start, b, length in inclined_rods(60):
         kappa = 2 * np.pi / wave.wavelength * length
         errors = []
         for n in (5, 10, 40, 80):

@@ -21,7 +21,6 @@ from tensegrity_mj.engines.table import installed
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.studies.validation import findings, sections, study, task
-from tensegrity_mj.studies.validation import page as report_page
 from tensegrity_mj.studies.validation.judging import (
     _break_sentences,
     _delay_sentences,
@@ -341,7 +340,7 @@ def test_a_run_that_does_not_converge_does_not_set_what_converging_is(pinned_rod
 def test_the_map_marks_starts_whose_V_left_its_promise() -> None:
     row = {"law": "mine", "outcome": "converged", "direction": [1.0, 0.0, 0.0]}
     rows = [row | {"decay_error": error} for error in (None, 1e-9, 0.1)]
-    (picture,) = report_page.of_section("starts", {"starts": {"mujoco": {"rows": rows}}})
+    (picture,) = study.of_section("starts", {"starts": {"mujoco": {"rows": rows}}})
     (legend,) = picture.figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["converged", "converged, V not as promised"]
     kept, left = picture.figure.axes[0].collections
