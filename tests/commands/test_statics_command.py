@@ -14,7 +14,7 @@ from command_words import choices_of
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands import statics as command
-from tensegrity_mj.statics import sizing as sizes
+from tensegrity_mj.statics import lightest as sizes
 from tensegrity_mj.statics.study import DATA, PAGE, Search
 
 LOAD = ["--load", "t4=0,0,-20"]  # enough for three diagonals of the arm to become slack
