@@ -82,7 +82,7 @@ class Paper:
             panel.tick_params(which="minor", labelsize=SMALLEST, labelfontfamily=FONTS)  # type: ignore[attr-defined]
 
 
-_PAPER: ContextVar[Paper | None] = ContextVar("paper", default=None)
+_PAPER: ContextVar[Paper | None] = ContextVar("paper", default=None)  # that figures are made for; None: the screen
 
 
 @contextlib.contextmanager
@@ -105,17 +105,12 @@ def paper(columns: int = 2) -> Iterator[None]:
         _PAPER.reset(before)
 
 
-def chosen_paper() -> Paper | None:
-    """Return the paper that figures are made for now; None for the screen."""
-    return _PAPER.get()
-
-
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, in inches; of the width of a paper's columns within `paper`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as MatplotlibFigure
 
-    wanted = chosen_paper()
+    wanted = _PAPER.get()
     size = (width, height) if wanted is None else wanted.fit(width, height)
 
     class Canvas(FigureCanvasAgg):
@@ -150,7 +145,7 @@ def grid_of_panels(count: int, columns: int, width: float, height: float, room: 
 
 def panels_in_a_row(columns: int) -> int:
     """Return the number of panels in a row: one in a paper's column."""
-    wanted = chosen_paper()
+    wanted = _PAPER.get()
     return columns if wanted is None or wanted.columns == 2 else 1
 
 
@@ -197,7 +192,7 @@ def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: floa
     place = panel.get_subplotspec()
     width = figure.bbox.width / figure.dpi / (place.get_geometry()[1] if place else 1)
     longest = max(5 if label.startswith("$") else len(label) for label in labels)  # a formula is short
-    smaller = 1.0 if chosen_paper() is None else SHRINK
+    smaller = 1.0 if _PAPER.get() is None else SHRINK
     letters = 72.0 * width / (0.56 * max(smaller * size, SMALLEST))
     columns = max(1, min(4, len(handles), int(letters / (6 + longest))))
     below = panel.transAxes + ScaledTranslation(0.0, -smaller * BELOW / 72.0, figure.dpi_scale_trans)
@@ -262,7 +257,7 @@ def save_figure(figure: Figure, path: PathLike, dpi: float | None = None) -> Pat
     with replacing(destination) as part:
         # Without dates the same figure gives the same file.
         metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(destination.suffix.lower(), {})
-        wanted = chosen_paper()
+        wanted = _PAPER.get()
         if wanted is not None:
             wanted.dress(figure)
         dpi = dpi or (DPI if wanted is None else PAPER_DPI)

@@ -323,8 +323,8 @@ class Painter:
         paths = motion.structure.paths
         if len(paths.nodes) == 0:
             return
-        nodes = pose.nodes
-        slack = slack_strings(motion.structure, pose) & ~pose.broken
+        nodes, lengths = pose.nodes, motion.structure.string_lengths(pose.nodes)
+        slack = (pose.rest_lengths > lengths * (1.0 + SLACKNESS)) & ~pose.broken
         rgba = np.ones((len(slack), 4), np.float32)
         rgba[:, :3] = tension.colors(pose.tensions)
         loose = _rgba(palette.SLACK, 1.0)
@@ -388,12 +388,6 @@ def geoms_needed(structure: Structure) -> int:
     shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.paths.nodes), MOST_STRINGS))
     members += len(structure.body_edges)
     return members + len(structure.rods) + len(structure.fixed_nodes) + shadows
-
-
-def slack_strings(structure: Structure, pose: Pose) -> NDArray[np.bool_]:
-    """(M,) whether each string is longer than the distance that it spans."""
-    lengths = structure.string_lengths(pose.nodes)
-    return pose.rest_lengths > lengths * (1.0 + SLACKNESS)
 
 
 def slack_curves(motion: Motion, pose: Pose, slack: NDArray[np.bool_]) -> Array:

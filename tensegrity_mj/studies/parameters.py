@@ -31,7 +31,7 @@ from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, call_law, floa
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, option_names
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.parameter_values import MEMBER, Scaled, decoded, number_from, scaled
@@ -106,9 +106,6 @@ class Draft:
             for name, value in self.engine_options.items()
         }
         return make_engine(self.engine, options)
-
-    def make_actuation(self) -> Actuation:
-        return Actuation(self.actuation, self.period)
 
 
 def _root(path: str) -> str:

@@ -206,7 +206,7 @@ class Sweep:
                 tried.add(plain.canonical(how))
                 draft = drafted(common).apply(how)
                 draft.make_engine()
-                draft.make_actuation()
+                Actuation(draft.actuation, draft.period)
 
 
 def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
@@ -217,7 +217,7 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
         scene,
         draft.make_law(),
         draft.make_engine(),
-        actuation=draft.make_actuation(),
+        actuation=Actuation(draft.actuation, draft.period),
         on_infeasible=draft.on_infeasible,
         output_interval=draft.output_interval,
     )
@@ -395,8 +395,7 @@ def rows_of(study: many.Study) -> list[Row]:
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
     """Count the points by how they ended, without ends that no point has."""
-    order = (Status.COMPLETED.value, DOUBTFUL, *(status.value for status in Status), "failed")
-    order = tuple(dict.fromkeys(order))
+    order = dict.fromkeys((Status.COMPLETED.value, DOUBTFUL, *(status.value for status in Status), "failed"))
     return {status: count for status in order if (count := sum(row.status == status for row in rows))}
 
 

@@ -219,7 +219,13 @@ def _sections(data: Data) -> Iterator[Section]:
             rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
             parts.append(Table("Starts that end differently in two engines", ("start", "outcomes"), rows))
         yield Section(heading[0].upper() + heading[1:], [text] if text else [], parts)
-    yield _details(data)
+    law = data["law"]
+    rows = [
+        ["law", law["from"]],
+        ["description", law["description"]],
+        *([key, data[key]] for key in ("setup", "versions")),
+    ]
+    yield Section("How it was run", (), [Table("All options", ("", ""), rows, folded=True)])
 
 
 def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
@@ -302,16 +308,6 @@ def _strings(one: Data, engine: str) -> Iterator[Table]:
     ]
     heads = ("string", "work done [J]", "recovered [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
     yield Table(f"Each winch, {title(engine)}", heads, rows, folded=len(rows) > LONG)
-
-
-def _details(data: Data) -> Section:
-    rows: Sequence[Sequence[object]] = [
-        ["law", data["law"]["from"]],
-        ["description", data["law"]["description"]],
-        ["setup", data["setup"]],
-        ["versions", data["versions"]],
-    ]
-    return Section("How it was run", (), [Table("All options", ("", ""), rows, folded=True)])
 
 
 OUTCOME_COLORS: dict[str, Any] = {
