@@ -29,7 +29,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     draws, fixed = [_draw(text) for text in options.draw], dict([*map(_set, options.set), *own])
     if len(fixed) < len(options.set) + len(own):
         raise OptionError("--set, --law-option: a parameter is given twice; give each parameter once")
-    workers = _workers(options)
+    if options.cluster is not None and options.backend is not None:
+        raise OptionError("--backend and --cluster: give one of them")
+    place = "cluster" if options.cluster is not None else (options.backend or "processes").replace("-", " ")
+    workers = studies.Workers(options.workers, studies.Backend(place), options.cluster)
 
     from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.page import judgement_of
@@ -83,14 +86,6 @@ def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str
     facts.append(("computed now", str(data["computed"])))
     facts += [(name, str(data[name])) for name in ("result", "page") if data[name]]
     return "\n".join([*text, "", table(facts)])
-
-
-def _workers(options: argparse.Namespace) -> studies.Workers:
-    if options.cluster is not None:
-        if options.backend is not None:
-            raise OptionError("--backend and --cluster: give one of them")
-        return studies.Workers(options.workers, studies.Backend.CLUSTER, options.cluster)
-    return studies.Workers(options.workers, studies.Backend((options.backend or "processes").replace("-", " ")))
 
 
 # Values --------------------------------------------------------------------------------------------------------

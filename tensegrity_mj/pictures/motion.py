@@ -82,7 +82,10 @@ class Motion:
             return cls._of_scene(source)
         if not isinstance(source, Trajectory):
             raise OptionError(f"a picture is made of a Trajectory or a Scene, not of a {type(source).__name__}")
-        count = _finite_samples(source)
+        # The leading part whose times increase and whose nodes are finite.
+        good = np.isfinite(source.time) & np.all(np.isfinite(source.nodes), axis=(1, 2))
+        good[1:] &= ~(np.diff(source.time) <= 0.0)
+        count = len(good) if good.all() else int(np.argmin(good))
         if count == 0:
             raise OptionError(
                 f"the trajectory of scene '{source.scene.name}' has no sample that can be drawn (it has "
@@ -187,13 +190,6 @@ class Motion:
         from scipy.interpolate import CubicHermiteSpline  # slow to load
 
         return CubicHermiteSpline(self.time, self.nodes, self.velocities)
-
-
-def _finite_samples(run: Trajectory) -> int:
-    """Length of the leading part whose times increase and whose nodes are finite."""
-    good = np.isfinite(run.time) & np.all(np.isfinite(run.nodes), axis=(1, 2))
-    good[1:] &= ~(np.diff(run.time) <= 0.0)
-    return len(good) if good.all() else int(np.argmin(good))
 
 
 def down_of(scene: Scene) -> Array:

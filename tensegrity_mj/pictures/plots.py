@@ -396,7 +396,12 @@ def landscape(
     top = max([1.0, *(1.1 * float(np.max(np.abs(way.phi_rate))) for way in ways)])
     figure = figures.new_figure(6.4, 4.6)
     panel = figure.subplots()
-    contours_of(panel, shape, top)
+    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-top, top, 241)
+    contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
+    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
+    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=9)
+    panel.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], [r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$"])
+    panel.set_ylim(-top, top)
     for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
         label = (
             f"{run_panels.law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
@@ -411,16 +416,6 @@ def landscape(
     )
     run_panels.over_time(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
     return figures.saved(figure, path)
-
-
-def contours_of(panel: Any, shape: Landscape, top: float) -> None:
-    """Contours of V_φ over φ and φ̇ within ±top [rad/s]; axes with their labels."""
-    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-top, top, 241)
-    contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
-    panel.figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
-    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=9)
-    panel.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], [r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$"])
-    panel.set_ylim(-top, top)
 
 
 def _logarithmic(panel: Axes, curves: Sequence[_Curve]) -> None:

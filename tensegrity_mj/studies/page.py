@@ -13,7 +13,7 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, Axes, Figure, frame, line_style, new_figure
+from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, Figure, frame, line_style, new_figure
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import PathLike, Picture, Table, pictures_and_tables
 from tensegrity_mj.studies import sweep as sweeps
@@ -180,7 +180,11 @@ def _curves(
                 panel.plot(places, middle, ls=line_style(number), lw=1.4, **look)
             if not drawn and len(x) > len(places):
                 panel.plot(x, y, color=look["color"], lw=0, marker=".", ms=3, alpha=0.5)
-        _scales(panel)
+        for index, axis in enumerate("xy"):  # logarithmic where the numbers span much
+            lines = [np.asarray(line.get_data()[index], float) for line in panel.get_lines()]
+            values = np.concatenate(lines) if lines else np.array([])
+            if values.size and values.min() > 0 and values.max() > WIDE * values.min():
+                getattr(panel, f"set_{axis}scale")("log")
         unit = measure_label(measure) if panel is panels[0] else ""
         frame(panel, "", _axis(rows, name), unit, legend=1 < len(groups) <= MAX_LEGEND)
     return figure
@@ -243,12 +247,3 @@ def _grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[str, list[Row]]:
 def _axis(rows: Sequence[Row], name: str) -> str:
     scaled = any(str(row.parameters[name]).startswith("*") for row in rows)
     return figure_text(parameter_label(name)) + (" (factor)" if scaled else "")
-
-
-def _scales(panel: Axes) -> None:
-    """Logarithmic where the numbers span much."""
-    for index, axis in enumerate("xy"):
-        lines = [np.asarray(line.get_data()[index], float) for line in panel.get_lines()]
-        values = np.concatenate(lines) if lines else np.array([])
-        if values.size and values.min() > 0 and values.max() > WIDE * values.min():
-            getattr(panel, f"set_{axis}scale")("log")

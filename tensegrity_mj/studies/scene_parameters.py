@@ -111,7 +111,11 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
         return with_motions(scene, which, others, path, value)
     if name == "resistance":
         parameter_values.no_more(which, [], path)
-        return _with_resistance(scene, others, path, value)
+        # Missing values begin with the defaults, and one that resists nothing becomes None.
+        new = changed(scene.resistance or Resistance(), others, path, "resistance", value)
+        if others[0] == "viscous" and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
+            new = replace(new, wind=Resistance.wind)
+        return scene.with_(resistance=None if new == Resistance() else new)
     if name in ("contact", "water") and getattr(scene, name) is None:
         raise OptionError(f"{path}: scene '{scene.name}' has no {name}")
     return changed(scene, [first, *others], path, f"scene '{scene.name}'", value)
@@ -193,14 +197,6 @@ def _with_row(nodes: Any, number: int, row: Vector) -> Any:
     nodes = np.array(nodes)
     nodes[..., number, :] = row
     return nodes
-
-
-def _with_resistance(scene: Scene, others: Sequence[str], path: str, value: Any) -> Scene:
-    """Change a scene's resistance: missing values begin with the defaults; one that resists nothing becomes None."""
-    new = changed(scene.resistance or Resistance(), others, path, "resistance", value)
-    if others[0] == "viscous" and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
-        new = replace(new, wind=Resistance.wind)
-    return scene.with_(resistance=None if new == Resistance() else new)
 
 
 def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:

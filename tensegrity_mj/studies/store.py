@@ -44,7 +44,8 @@ class Store:
                 (self.folder / FILES).mkdir(exist_ok=True)
                 write(self.folder / FILES / name, content)
             try:
-                rest = memoryview(line_of(key, outcome))
+                record = {"key": key, "outcome": outcome}
+                rest = memoryview((to_exact_json(record | {"check": digest(record)}) + "\n").encode())
                 while rest:
                     rest = rest[self._file.write(rest) :]
                 os.fsync(self._file.fileno())
@@ -72,12 +73,6 @@ class Store:
         self.outcomes = _recovered(self._file)
         finished = finished.format(len(self.outcomes))
         return f"{finished} and kept in {self.folder}; run the same again to go on from there"
-
-
-def line_of(key: str, outcome: dict[str, Any]) -> bytes:
-    """A record: one line of JSON with its checksum."""
-    record = {"key": key, "outcome": outcome}
-    return (to_exact_json(record | {"check": digest(record)}) + "\n").encode()
 
 
 def record_of(line: bytes) -> tuple[str, dict[str, Any]] | None:

@@ -124,20 +124,17 @@ class ScenePhysics(Physics):  # type: ignore[misc]
             OptionError, ElementError: where the scene's load function or an element fails.
         """
         if self.string_actuators.needs_limits or len(self.forces):
+            model, data = self.model.ptr, self.data.ptr
             for _ in range(nstep):
-                self._renew()
+                # Once a step: forces on nodes, breaks and damping of slack strings; a callback would at each stage.
+                if self.string_actuators.needs_limits:
+                    model.actuator_forcerange[: self._size] = self.string_actuators.force_limits(self._strings())
+                if len(self.forces):
+                    forces = self.forces.controls(data.time, model.opt, self.nodes(), self.velocities())
+                    data.ctrl[self._size :] = forces
                 self._advance(1)
         else:
             self._advance(nstep)
-
-    def _renew(self) -> None:
-        """Renew forces on nodes, breaks and damping of slack strings, once a step; a callback would at each stage."""
-        model, data = self.model.ptr, self.data.ptr
-        if self.string_actuators.needs_limits:
-            model.actuator_forcerange[: self._size] = self.string_actuators.force_limits(self._strings())
-        if len(self.forces):
-            forces = self.forces.controls(data.time, model.opt, self.nodes(), self.velocities())
-            data.ctrl[self._size :] = forces
 
     def _advance(self, nstep: int) -> None:
         try:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.learning.tasks.definition import Task
-from tensegrity_mj.learning.tasks.world import LARGEST, Outcome, World
+from tensegrity_mj.learning.tasks.world import LARGEST, World
 from tensegrity_mj.pictures.opengl import Canvas
 
 RENDER_MODES = ("human", "rgb_array")
@@ -159,7 +159,10 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
         diverged[go], truncated[go] = out.diverged, out.truncated
         observation[anew] = self.begin(self._all[anew])
         self._show()
-        info = self._info(go, out)
+        info: Info = {}  # terms of the reward (n,), and of which robots they are
+        for name, term in (*out.terms.items(), ("diverged", out.diverged)):
+            info[name] = np.zeros(self.num_envs, term.dtype)
+            info[name][go], info[f"_{name}"] = term, go.copy()
         self._ended = diverged | truncated
         ended = self._ended.copy()
         if self._mode is AutoresetMode.SAME_STEP and ended.any():
@@ -195,14 +198,6 @@ class TensegrityVectorEnv(VectorEnv[Array32, Array32, Any]):
     def _show(self) -> None:
         if self.render_mode == "human":
             self.render()
-
-    def _info(self, which: NDArray[np.bool_], out: Outcome) -> Info:
-        """Terms of the reward (n,), and of which robots they are."""
-        info: Info = {}
-        for name, term in (*out.terms.items(), ("diverged", out.diverged)):
-            info[name] = np.zeros(self.num_envs, term.dtype)
-            info[name][which], info[f"_{name}"] = term, which.copy()
-        return info
 
 
 def unlimited(**options: Any) -> TensegrityEnv:
