@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from tensegrity_mj import pictures, runs
@@ -37,7 +36,12 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.still is not None:
         refuse(options, ("layout", "fps", "speed"), "belongs to a film, which --still is not")
     if out.suffix.lower() == ".html":
-        return _page(options, out)
+        if len(options.runs) > 1:
+            raise OptionError(f"--out {out}: a page in 3-D shows one run, not {len(options.runs)}; name one, or a film")
+        refuse(options, FILM_OPTIONS, "belongs to a film, and --out names a page")
+        page = pictures.make_web_page(runs.Trajectory.load(options.runs[0]))
+        page.save(out)
+        return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")
 
     from tensegrity_mj.pictures.video import render
 
@@ -54,13 +58,3 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(
         {"status": "ok", "out": out, "size": film["size"], "fps": film["fps"], "duration": duration}, str(out)
     )
-
-
-def _page(options: argparse.Namespace, out: Path) -> Outcome:
-    """One run in 3-D for a browser, as `view --web` writes it."""
-    if len(options.runs) > 1:
-        raise OptionError(f"--out {out}: a page in 3-D shows one run, not {len(options.runs)}; name one, or a film")
-    refuse(options, FILM_OPTIONS, "belongs to a film, and --out names a page")
-    page = pictures.make_web_page(runs.Trajectory.load(options.runs[0]))
-    page.save(out)
-    return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")

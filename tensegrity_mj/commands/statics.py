@@ -64,21 +64,17 @@ def execute(options: argparse.Namespace) -> Outcome:
         sized_scene = scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None)
         model.save_scene(sized_scene, sized)
     if video is not None and study.modes is not None:
-        _film(study.modes, mode, video)
+        from tensegrity_mj.pictures.video import render
+
+        motion = statics.mode_trajectory(study.modes, mode - 1)
+        speed = float(motion.time[-1]) / 2 / SECONDS
+        render(motion, video, speed=speed, traces=False, target=False, progress=True)
     written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
     lines = table([("written", str(path)) for path in written])
     files = {"out": folder, "saved_scene": saved, "saved_sized": sized, "mode_video": video}
     data = {"status": study.status, **study.to_dict(), **files}
     code = ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE
     return Outcome(data, lines, code, judgement=study.judgement)
-
-
-def _film(modes: statics.Modes, mode: int, video: Path) -> None:
-    from tensegrity_mj.pictures.video import render
-
-    motion = statics.mode_trajectory(modes, mode - 1)
-    period = float(motion.time[-1]) / 2
-    render(motion, video, speed=period / SECONDS, traces=False, target=False, progress=True)
 
 
 def _video(options: argparse.Namespace) -> tuple[int, Path | None]:

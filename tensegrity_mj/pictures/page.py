@@ -226,7 +226,7 @@ def _requested(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -
 def _law_text(law: Mapping[str, Any]) -> str:
     """The law with those of its options that are single numbers or words."""
     options = [
-        f"{name.replace('_', ' ')} {_plain(value)}"
+        f"{name.replace('_', ' ')} {value:{'g' if isinstance(value, float) else ''}}"
         for name, value in law.items()
         if name != "law" and isinstance(value, (int, float, str)) and not isinstance(value, bool)
     ]
@@ -285,10 +285,6 @@ def _flat(found: Mapping[str, Any], before: str = "") -> list[tuple[object, ...]
         elif value is not None and not (isinstance(value, (list, tuple)) and not len(value)):
             rows.append((words, value))
     return rows
-
-
-def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _picture(picture: Picture) -> str:

@@ -228,7 +228,11 @@ class Stage(contextlib.ExitStack):
             rows = moving_rows(motion, 2.0 * pixel) if self.view.traces and len(motion.time) > 1 else np.zeros(0, int)
             self._traces.append(Traces.of(motion, rows, TRACE_TOLERANCE * pixel))
             self._drawn.append(-1)
-            self._colors.append(_trace_colors(motion))
+            structure, colors = motion.structure, np.ones((len(motion.structure.nodes), 4), np.float32)
+            colors[:, :3] = palette.mixed(palette.POINT_MASS, palette.BACKGROUND, 0.2)
+            for number, pair in enumerate(structure.rod_nodes):  # in the thesis' order, lightened
+                colors[pair, :3] = palette.mixed(palette.color_of(number), palette.BACKGROUND, 0.25)
+            self._colors.append(colors)
 
     # ----------------------------------------------------------------------------------------------- drawing
 
@@ -298,16 +302,6 @@ class Stage(contextlib.ExitStack):
 
     def _whole_cells(self, shift: Array) -> Array:
         return np.asarray(np.round(shift[:2] / self.framing.cell) * self.framing.cell)
-
-
-def _trace_colors(motion: Motion) -> NDArray[np.float32]:
-    """A colour (N, 4) a node: its rod's in the thesis' order, lightened."""
-    structure = motion.structure
-    colors = np.ones((len(structure.nodes), 4), np.float32)
-    colors[:, :3] = palette.mixed(palette.POINT_MASS, palette.BACKGROUND, 0.2)
-    for number, pair in enumerate(structure.rod_nodes):
-        colors[pair, :3] = palette.mixed(palette.CYCLE[number % len(palette.CYCLE)], palette.BACKGROUND, 0.25)
-    return colors
 
 
 class Framing:

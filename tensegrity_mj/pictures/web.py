@@ -164,7 +164,8 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "breaks": motion.break_times,  # infinite, that is never, becomes null
         "supports": [[i, j, sigma] for i, j, sigma, *_ in held],
         "masses": [place for *place, _ in masses],
-        "sea": _waves(motion) if box.wet else None,
+        # (W, 5) [m], [rad/s], [1/m], [rad], [rad]
+        "sea": np.stack([getattr(motion.sea, name) for name in OF_WAVES], axis=1) if box.wet else None,
         "floor": None if motion.floor is None else _floor(motion.floor, motion, box),
         "down": motion.down,
         "center": box.center,
@@ -179,6 +180,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     }
 
 
+OF_WAVES = ("amplitude", "frequency", "number", "direction", "phase")
 _COLORS = {
     "node": palette.FAINT_TEXT,
     "rod": palette.ROD,
@@ -236,13 +238,6 @@ class _Box:
         most = max(float(np.max(high - low)), 1e-9)
         half = np.maximum(0.5 * (high - low) + MARGIN * most, 0.08 * most)
         return cls(0.5 * (low + high), np.full(3, half.max()) if follow else half, follow, extent, wet)
-
-
-def _waves(motion: Motion) -> Array:
-    """(W, 5) of the sea: amplitude [m], frequency [rad/s], number [1/m], direction and phase [rad]."""
-    sea = motion.sea
-    assert sea is not None
-    return np.stack([sea.amplitude, sea.frequency, sea.number, sea.direction, sea.phase], axis=1)
 
 
 def _foot(point: Array, floor: tuple[Array, Array]) -> Array:

@@ -76,7 +76,11 @@ class Draft:
 
     def make_law(self) -> Any:
         """Make the law, for the nominal scene; None for none; raise OptionError if it cannot be made so."""
-        options, control, spec = dict(self.law_options), self.scene.control, self._law()
+        options, control = dict(self.law_options), self.scene.control
+        if self.law is None:
+            spec = self.law_spec or spec_of(SCENE_LAW, self.scene)
+        else:
+            spec = self.own_laws.get(self.law, {"kind": "built-in", "name": self.law, "options": {}})
         if spec == NO_LAW:
             if options:
                 raise OptionError(f"law.{next(iter(options))} needs a law, and there is none: set law too")
@@ -90,12 +94,6 @@ class Draft:
         if self.plant is not None:
             return NominalWinches.between(law, self.scene.structure, self.plant.structure)
         return law
-
-    def _law(self) -> Spec:
-        """The spec of the law that is chosen, or of the scene's."""
-        if self.law is not None:
-            return self.own_laws.get(self.law, {"kind": "built-in", "name": self.law, "options": {}})
-        return self.law_spec or spec_of(SCENE_LAW, self.scene)
 
     def make_engine(self) -> Any:
         usual = engine_class(self.engine)()

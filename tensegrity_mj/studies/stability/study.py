@@ -403,7 +403,10 @@ class StabilityStudy:
             },
         }
         if self.maps:
-            data["maps"] = self._maps(base)
+            points = map_points(base.structure, tuple(self.maps), self.quick, QUICK_RODS if self.quick else MOST_RODS)
+            rows = self._limits("maps", "maps", points, [name for name in engines if name in MAPPED] or engines)
+            keys = ("axis", "value", "values", "reason")
+            data["maps"] = [{key: (row["point"] | row)[key] for key in keys} for row in rows]
         if self.random:
             most = QUICK_RANDOM_RODS if self.quick else RANDOM_RODS
             joined = QUICK_JOINED_RODS if self.quick else JOINED_RODS
@@ -411,15 +414,6 @@ class StabilityStudy:
             count = math.ceil(self.random / JOINED_PART)
             data["joined"] = self._drawn("joined", joined_points(count, self.seed, joined))
         return data
-
-    def _maps(self, base: Scene) -> list[dict[str, Any]]:
-        """The limits along each axis."""
-        most = QUICK_RODS if self.quick else MOST_RODS
-        points = map_points(base.structure, tuple(self.maps), self.quick, most)
-        mapped = [name for name in self.engines if name in MAPPED] or list(self.engines)
-        rows = self._limits("maps", "maps", points, mapped)
-        keys = ("axis", "value", "values", "reason")
-        return [{key: (row["point"] | row)[key] for key in keys} for row in rows]
 
     def _drawn(self, name: str, points: Sequence[dict[str, Any]]) -> dict[str, Any]:
         """The limits of structures that were drawn at random."""

@@ -255,7 +255,7 @@ def grid_of_steps(interval: float, period: float | None, most_steps: float, dura
     At most so many a run, but `LEAST_STEPS` different ones if they exist among the first hundred parts.
     """
     steps: list[float] = []
-    for parts in _parts():
+    for parts in (digit * 10**power for power in itertools.count() for digit in (1, 2, 5)):
         step = interval / parts
         beyond = duration / step > most_steps * (1 + 1e-9)
         if beyond and (len(steps) >= LEAST_STEPS or parts > 100):
@@ -358,9 +358,3 @@ def power_text(value: float) -> str:
     """Return a tolerance as text: 1e-9."""
     digits, exponent = f"{value:.2e}".split("e")
     return f"{float(digits):g}e{int(exponent)}"
-
-
-def _parts() -> Iterator[int]:
-    for power in itertools.count():
-        for digit in (1, 2, 5):
-            yield digit * 10**power

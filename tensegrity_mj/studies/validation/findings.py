@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
@@ -33,7 +33,11 @@ STATEMENTS = TABLE["statements"]  # of §5.6
 def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
     """The sections of the report from each case and its outcome."""
     nominal = {case.point["engine"]: outcome for case, outcome in pairs if case.section == "nominal"}
-    tolerance = _tolerance(setup, nominal.values())
+    # What counts as there: 5 % of the way, or twice what a nominal run has left, if that has come so near itself.
+    near = judging.CONVERGED * way(setup.scene, setup.duration)
+    ended = [one["values"] for one in nominal.values() if one["status"] == DONE]
+    finals = [values["error"]["final"] for values in ended if values.get("error")]
+    tolerance = max([near, *(2 * final for final in finals if final <= near)])
     found: Data = {"tolerance": tolerance, "nominal": _nominal(setup, nominal, tolerance)}
     for section in SECTIONS:
         chosen = [pair for pair in pairs if pair[0].section == section]
@@ -67,7 +71,10 @@ def row(
     values = _values(outcome)
     ended, verdict = judging.judged(values, tolerance, setup.duration, nominal)
     base: Data = {"label": case.label, **case.facts, "outcome": ended, "judgement": asdict(verdict)}
-    return base | {"end_time": values["end_time"], "message": values["message"], **_numbers(values)}
+    base |= {"end_time": values["end_time"], "message": values["message"]}
+    # None for each that the run has not: one that diverged has none.
+    base |= {name: value_at(values, keys) for name, keys in TABLE["numbers"].items()}
+    return base | ({"decay_error": None} if value_at(values, ("lyapunov", "promised_rate")) is None else {})
 
 
 def _values(outcome: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -75,23 +82,6 @@ def _values(outcome: Mapping[str, Any]) -> Mapping[str, Any]:
     if outcome["status"] == DONE:
         return dict(outcome["values"])
     return {"status": "failed", "message": f"{outcome['error']}: {outcome['reason']}", "end_time": None}
-
-
-def _numbers(values: Mapping[str, Any]) -> Data:
-    """The main numbers of a run by their names; None for each that it has not: a run that diverged has none."""
-    found = {name: value_at(values, keys) for name, keys in TABLE["numbers"].items()}
-    promised = value_at(values, ("lyapunov", "promised_rate"))
-    return found | ({"decay_error": None} if promised is None else {})
-
-
-def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
-    """Distance from the target [m] that counts as there: 5 % of the way, or twice what a nominal run has left, if that
-    has come so near itself."""
-    near = judging.CONVERGED * way(setup.scene, setup.duration)
-    finals = [
-        one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")
-    ]
-    return max([near, *(2 * final for final in finals if final <= near)])
 
 
 def way(scene: Scene, duration: float) -> float:
