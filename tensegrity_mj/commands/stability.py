@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import studies
+from tensegrity_mj.basics.files import write_text
+from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands.common import Outcome, refuse, whole
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.errors import OptionError
@@ -19,8 +20,9 @@ count = partial(whole, most=10**6)
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Predict, measure, and write what the options name."""
+    from tensegrity_mj.pictures.figure import save_figure
     from tensegrity_mj.studies.stability.cases import AXES
-    from tensegrity_mj.studies.stability.page import describe, judgement_of
+    from tensegrity_mj.studies.stability.page import describe, judgement_of, page_of, pictures
     from tensegrity_mj.studies.stability.study import study_stability
 
     scene, folder = library.load_scene(options.scene), options.out
@@ -39,20 +41,11 @@ def execute(options: argparse.Namespace) -> Outcome:
     )
     lines = describe(data)
     if folder is not None:
-        lines.append(f"written  {_write(folder, data, options.small)}")
+        write_text(folder / "stability.json", to_json({**data, **judgement_of(data).to_dict()}) + "\n")
+        for name, (figure, _) in pictures(data).items():
+            save_figure(figure, folder / f"{name}.png", SMALL_DPI if options.small else None)
+        lines.append(f"written  {page_of(data).write(folder / 'index.html')}")
     return Outcome({"status": "ok", **data, "out": folder}, "\n".join(lines), judgement=judgement_of(data))
-
-
-def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
-    from tensegrity_mj.basics.files import write_text
-    from tensegrity_mj.basics.jsontext import to_json
-    from tensegrity_mj.pictures.figure import save_figure
-    from tensegrity_mj.studies.stability.page import judgement_of, page_of, pictures
-
-    write_text(folder / "stability.json", to_json({**data, **judgement_of(data).to_dict()}) + "\n")
-    for name, (figure, _) in pictures(data).items():
-        save_figure(figure, folder / f"{name}.png", SMALL_DPI if small else None)
-    return page_of(data).write(folder / "index.html")
 
 
 def _law_of(scene: Any, options: argparse.Namespace) -> Any:

@@ -79,7 +79,12 @@ class Motion:
             OptionError: if there is no finite sample at all, or the source is neither of the two.
         """
         if isinstance(source, Scene):
-            return cls._of_scene(source)
+            structure, nodes, rest = source.structure, source.nodes0, source.structure.rest_lengths
+            lengths, rates = structure.string_lengths(nodes), structure.string_rates(nodes, source.velocities0)
+            pull = strings.tension(structure.curves, structure.damping, lengths, rates, rest, structure.clipped)
+            samples = {"nodes": nodes, "velocities": source.velocities0, "tensions": pull, "rest_lengths": rest}
+            at_once = {name: values[None] for name, values in samples.items()}
+            return cls._in(source, label="", note="", diverged=False, time=np.zeros(1), **at_once)
         if not isinstance(source, Trajectory):
             raise OptionError(f"a picture is made of a Trajectory or a Scene, not of a {type(source).__name__}")
         # The leading part whose times increase and whose nodes are finite.
@@ -109,18 +114,6 @@ class Motion:
             # A rest length that is not known is drawn as taut.
             rest_lengths=np.nan_to_num(rest[:count], posinf=0.0, neginf=0.0),
         )
-
-    @classmethod
-    def _of_scene(cls, scene: Scene) -> Motion:
-        structure = scene.structure
-        nodes = scene.nodes0
-        rest = structure.rest_lengths
-        lengths = structure.string_lengths(nodes)
-        rates = structure.string_rates(nodes, scene.velocities0)
-        pull = strings.tension(structure.curves, structure.damping, lengths, rates, rest, structure.clipped)
-        samples = {"nodes": nodes, "velocities": scene.velocities0, "tensions": pull, "rest_lengths": rest}
-        at_once = {name: values[None] for name, values in samples.items()}
-        return cls._in(scene, label="", note="", diverged=False, time=np.zeros(1), **at_once)
 
     @classmethod
     def _in(cls, scene: Scene, **samples: Any) -> Motion:

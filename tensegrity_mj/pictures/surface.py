@@ -100,7 +100,9 @@ class Surface:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         up = np.array([0.0, 0.0, 1.0])
         walls, outward, lines = [], [], []
-        for edge, normal in self._edges(points):
+        # The four edges (n, 3), the surface at their left, with normals that point away from it.
+        edges = points[-1], points[::-1, -1], points[0, ::-1], points[:, 0]
+        for edge, normal in zip(edges, np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]), strict=True):
             walls += [edge * [1.0, 1.0, 0.0] + self.bottom * up, edge]
             outward += [np.broadcast_to(normal, edge.shape)] * 2
             lines += [edge - self.line[0] * up, edge + self.line[0] * up]
@@ -128,16 +130,6 @@ class Surface:
         walls = _strips(sides)
         rows = len(self.y[:: self.every]), len(self.x[:: self.every])
         return [top, walls, _both(_strips([*sides, *[across] * rows[0], *[along] * rows[1]]))]
-
-    @staticmethod
-    def _edges(points: Array) -> list[tuple[Array, tuple[float, float, float]]]:
-        """The four edges (n, 3), the surface at their left, with normals that point away from it."""
-        return [
-            (points[-1], (1.0, 0.0, 0.0)),
-            (points[::-1, -1], (0.0, 1.0, 0.0)),
-            (points[0, ::-1], (-1.0, 0.0, 0.0)),
-            (points[:, 0], (0.0, -1.0, 0.0)),
-        ]
 
 
 def _shortest(sea: Sea) -> float:

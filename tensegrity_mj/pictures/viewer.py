@@ -47,23 +47,18 @@ def require_display() -> None:
             "the viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set: run on a desktop (or ssh -X), "
             f"{INSTEAD}"
         )
-    if sys.platform == "linux":
-        _open_glfw()
+    if sys.platform == "linux":  # MuJoCo's viewer ends the whole process where this fails, so that it is tried before
+        import glfw
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it becomes the error below
+            opened = glfw.init()
+        if not opened:
+            reason = glfw.get_error()[1] or "no reason given"
+            reason = reason.decode() if isinstance(reason, bytes) else reason
+            raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, {INSTEAD}")
     if sys.platform == "darwin" and "mjpython" not in os.path.basename(sys.executable):
         raise MissingLibraryError("on macOS MuJoCo's viewer needs mjpython: mjpython -m tensegrity_mj view ...")
-
-
-def _open_glfw() -> None:
-    """MuJoCo's viewer ends the whole process where this fails, so that it must be tried before."""
-    import glfw
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it becomes the error below
-        opened = glfw.init()
-    if not opened:
-        reason = glfw.get_error()[1] or "no reason given"
-        reason = reason.decode() if isinstance(reason, bytes) else reason
-        raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, {INSTEAD}")
 
 
 def play(run: Trajectory, speed: float = 1.0, *, thickness: bool = False) -> None:

@@ -143,8 +143,15 @@ def _set(draft: Draft, path: str, value: Any) -> None:
             draft.plant = changed_scene(draft.plant or draft.scene, kind, rest, path, value)
         case "law":
             _set_law(draft, rest, path, value)
+        case "engine" if not rest:
+            engine_class(value)
+            if value != draft.engine:  # the base's options belong to its own engine
+                draft.engine, draft.engine_options = value, {}
         case "engine":
-            _set_engine(draft, rest, path, value)
+            known = dict.fromkeys(option for name in ENGINES for option in option_names(name))
+            check_known(path, rest, known, "option of an engine")
+            base = draft.engine_options.get(rest)
+            draft.engine_options[rest] = scaled(path, value, base) if isinstance(value, Scaled) and base else value
         case "actuation" if rest not in ("", "period"):
             raise OptionError(f"{path}: {unknown(rest, ('period',), 'part of actuation')}")
         case _:
@@ -190,19 +197,6 @@ def _set_law(draft: Draft, option: str, path: str, value: Any) -> None:
         if option not in known and not any(getattr(entry, "takes_any", False) for entry in entries):
             raise OptionError(f"{path}: {unknown(option, known, 'option of a law')}")
     draft.law_options[option] = value
-
-
-def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
-    if not option:
-        engine_class(value)
-        if value != draft.engine:
-            # The base's options belong to its own engine.
-            draft.engine, draft.engine_options = value, {}
-        return
-    known = dict.fromkeys(option for name in ENGINES for option in option_names(name))
-    check_known(path, option, known, "option of an engine")
-    base = draft.engine_options.get(option)
-    draft.engine_options[option] = scaled(path, value, base) if isinstance(value, Scaled) and base else value
 
 
 _Winches, _pack_winches = view_of(

@@ -7,7 +7,6 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from tensegrity_mj.errors import MissingLibraryError
 
@@ -26,18 +25,6 @@ def repair() -> list[str]:
     """
     import mujoco
 
-    sizes = _imported_sizes()
-    gone = []
-    for table, kind in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):
-        fields = sizes.array_sizes[table]
-        for name in [name for name in fields if not hasattr(kind, name)]:
-            del fields[name]
-            gone.append(name)
-    return gone
-
-
-def _imported_sizes() -> Any:
-    """dm_control's module of field sizes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dm_control looks for a display when imported
         try:
@@ -48,7 +35,13 @@ def _imported_sizes() -> Any:
                 f"dm_control cannot be imported: {type(error).__name__}: {error}; `tensegrity-mj doctor` checks what "
                 "it needs, and MUJOCO_GL chooses its OpenGL"
             ) from error
-    return sizes
+    gone = []
+    for table, kind in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):
+        fields = sizes.array_sizes[table]
+        for name in [name for name in fields if not hasattr(kind, name)]:
+            del fields[name]
+            gone.append(name)
+    return gone
 
 
 @contextmanager

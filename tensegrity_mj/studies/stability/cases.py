@@ -153,7 +153,12 @@ def varied(base: Structure, axis: str, value: float) -> Structure:
         case "prestress":
             return _at_prestrain(base, value)
         case "slenderness":
-            return _stretched(base, value)
+            # Along z, or the longer axis of its plane; u stays: an affine map keeps every self-stress.
+            nodes = np.array(base.positions)
+            planar = all(rod.support.plane is not None for rod in base.rods)
+            nodes[:, int(np.argmax(np.ptp(nodes, axis=0))) if planar else 2] *= value
+            rods = tuple(replace(rod, support=replace(rod.support, values=None)) for rod in base.rods)
+            return _with_densities(replace(base.with_strings(rest_length=None), rods=rods).placed(nodes), u)
     raise OptionError(f"axis = {axis!r}; allowed: {', '.join(AXES)}")
 
 
@@ -254,14 +259,3 @@ def _at_prestrain(structure: Structure, level: float) -> Structure:
     u = _densities(structure)
     worst = float(np.max(u / structure.stiffness))
     return _with_densities(structure, np.where(u > 0, u * (level / worst), u))
-
-
-def _stretched(structure: Structure, factor: float) -> Structure:
-    """Stretched along z, or along the longer axis of its plane; u stays: an affine map keeps every self-stress."""
-    nodes = np.array(structure.positions)
-    planar = all(rod.support.plane is not None for rod in structure.rods)
-    axis = int(np.argmax(np.ptp(nodes, axis=0))) if planar else 2
-    nodes[:, axis] *= factor
-    rods = tuple(replace(rod, support=replace(rod.support, values=None)) for rod in structure.rods)
-    moved = replace(structure.with_strings(rest_length=None), rods=rods).placed(nodes)
-    return _with_densities(moved, _densities(structure))

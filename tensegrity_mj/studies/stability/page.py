@@ -14,7 +14,7 @@ from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.names import NAMES, TITLES
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, Axes, Figure, common_legend, frame, grid_of_panels
+from tensegrity_mj.pictures.figure import COLUMN, Figure, common_legend, frame, grid_of_panels
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
@@ -114,18 +114,17 @@ def sections(data: Data) -> Iterator[Section]:
         yield Section("Maps", (), [*drawn, Table.of("Every point", POINTS, points, folded=True)])
     for name, title in DRAWN.items():
         if data.get(name):
-            yield _agreement(title.capitalize(), data[name], [shown[name]] if name in shown else [])
-
-
-def _agreement(title: str, part: Data, pictures: list[Any]) -> Section:
-    total = part["summary"]
-    engines = [
-        [TITLES[name], one["agree"], one["count"], one["largest_difference"]] for name, one in total["engines"].items()
-    ]
-    parts = [*pictures, Table("", ("", "agree", "of", "largest difference"), engines)]
-    if total["causes"]:
-        parts.append(Table("Causes of the differences", ("cause", "comparisons"), list(total["causes"].items())))
-    return Section(title, (f"Seed {part['seed']}: {agreement(part)}.",), parts)
+            part, total = data[name], data[name]["summary"]
+            engines = [
+                [TITLES[engine], one["agree"], one["count"], one["largest_difference"]]
+                for engine, one in total["engines"].items()
+            ]
+            parts: list[Any] = [shown[name]] if name in shown else []
+            parts.append(Table("", ("", "agree", "of", "largest difference"), engines))
+            if total["causes"]:
+                causes = list(total["causes"].items())
+                parts.append(Table("Causes of the differences", ("cause", "comparisons"), causes))
+            yield Section(title.capitalize(), (f"Seed {part['seed']}: {agreement(part)}.",), parts)
 
 
 def pictures(data: Data) -> dict[str, tuple[Figure, str]]:
@@ -153,7 +152,14 @@ def maps(data: Data) -> Figure:
     for panel, (axis, rows) in zip(panels, axes.items(), strict=True):
         for order, name in enumerate(_engines(data)):
             # The first ones broader: limits that coincide stay visible.
-            _line(panel, axis, rows, name, 4.0 - 0.9 * min(order, 3))
+            x, color, width = np.array([row["value"] for row in rows]), COLORS[name], 4.0 - 0.9 * min(order, 3)
+            panel.plot(x, _over(rows, name, "predicted"), color=color, lw=width, alpha=0.75, label=TITLES[name])
+            panel.plot(x, _over(rows, name, "measured"), MARKERS[name], color=color, ms=3 + width, mfc="none", mew=1.2)
+            if axis in WITH_ZERO and x.max() > 0:
+                panel.set_xscale("symlog", linthresh=x[x > 0].min())
+            else:
+                panel.set_xscale("log")
+            panel.set_yscale("log")
         frame(panel, "", AXES[axis][0], "limit / (2/ω)", legend=False)
     common_legend(figure, panels)
     return figure
@@ -177,18 +183,6 @@ def _over(rows: Sequence[Data], name: str, key: str) -> Array:
         one = row["values"]["engines"].get(name) if row["values"] else None
         found.append(math.nan if one is None else math.inf if one[key] is None else one[key] * one["omega"] / 2)
     return np.array(found)
-
-
-def _line(panel: Axes, axis: str, rows: Any, name: str, width: float) -> None:
-    x = np.array([row["value"] for row in rows])
-    color = COLORS[name]
-    panel.plot(x, _over(rows, name, "predicted"), color=color, lw=width, alpha=0.75, label=TITLES[name])
-    panel.plot(x, _over(rows, name, "measured"), MARKERS[name], color=color, ms=3 + width, mfc="none", mew=1.2)
-    if axis in WITH_ZERO and x.max() > 0:
-        panel.set_xscale("symlog", linthresh=x[x > 0].min())
-    else:
-        panel.set_xscale("log")
-    panel.set_yscale("log")
 
 
 def heat(data: Data) -> Figure:

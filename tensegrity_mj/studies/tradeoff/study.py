@@ -158,8 +158,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, store: Store, pro
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
     wanted = closed if Loop.CLOSED in options.loops else []
     requested = [*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])]
-    _check_families(requested, options)
-    _check_steps(requested, options)
+    _check(requested, options)
     todo: list[tuple[Experiment, Reference]] = []
     with bar_of(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops), 0, progress) as bar:
         references: dict[str, Reference] = {}
@@ -238,23 +237,16 @@ def _uncertainty(reference: Reference) -> float:
 # -------------------------------------------------------------------------------------------------------- settings
 
 
-def _check_families(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
-    if any(settings_of(experiment, options) for experiment in experiments):
-        return
-    names = dict.fromkeys(
-        one.family for experiment in experiments for one in settings_of(experiment, replace(options, families=()))
-    )
-    raise OptionError(
-        f"tradeoff: families = {', '.join(options.families) or 'all'}: no setting has one of these words; there are "
-        f"{'; '.join(names) or 'none, with these periods and this budget'}"
-    )
-
-
-def _check_steps(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
-    if options.steps is None:
-        return
+def _check(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
+    if not any(settings_of(experiment, options) for experiment in experiments):
+        every = replace(options, families=())
+        names = dict.fromkeys(one.family for experiment in experiments for one in settings_of(experiment, every))
+        raise OptionError(
+            f"tradeoff: families = {', '.join(options.families) or 'all'}: no setting has one of these words; there "
+            f"are {'; '.join(names) or 'none, with these periods and this budget'}"
+        )
     for one in experiments:
-        if not any(divides(one.interval, step) for step in options.steps):
+        if options.steps is not None and not any(divides(one.interval, step) for step in options.steps):
             raise OptionError(
                 f"tradeoff: steps = {', '.join(f'{step:g}' for step in options.steps)}: runs of {one.duration:g} s are "
                 f"recorded each {one.interval:g} s, and a step must divide that: use {one.interval:g} s over a whole "
