@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known
@@ -201,6 +200,8 @@ def _on_rods(run: RecordedRun) -> Array:
     if len(run.time) < 2:
         raise OptionError(f"water_loads: the run has {len(run.time)} samples; two are needed for accelerations")
     scene, structure = run.scene, run.scene.structure
+    from scipy.interpolate import CubicSpline
+
     ends = CubicSpline(run.time, run.velocities).derivative()(run.time)[:, structure.rod_nodes]
     span = np.diff(run.nodes[:, structure.rod_nodes], axis=2)
     axes = span / np.linalg.norm(span, axis=-1, keepdims=True)
