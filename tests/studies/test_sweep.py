@@ -159,7 +159,7 @@ def test_together_they_apply_in_a_fixed_order() -> None:
         assert draft.scene.structure.rods[0].mass == 2
         assert draft.plant.structure.rods[0].mass == 6
         assert draft.make_engine() == tmj.DAE(rtol=1e-8)
-        assert draft.make_actuation() == tmj.Actuation.hold_rest_length(0.01)
+        assert tmj.Actuation(draft.actuation, draft.period) == tmj.Actuation.hold_rest_length(0.01)
 
 
 def test_names_of_members_may_hold_dots_commas_and_brackets() -> None:
