@@ -39,7 +39,6 @@ from tensegrity_mj.dynamics.native.pointers import (
     inlined,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target, standing_targets
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -187,14 +186,10 @@ class QuadraticLaw(ModelLaw):
         return DISCONTINUOUS.format(name=names[self.norm]) if self.norm in names else ""
 
     @cached_property
-    def _packed_target(self) -> Table:
-        assert isinstance(self.target, Target)
-        return pack_target(self.target)
-
-    @cached_property
     def _known(self) -> dict[str, Any]:
         """Return the fields of a `Known`, without its scratch."""
-        own, records = self.structure, StructureRecords.of(self.structure)
+        assert isinstance(self.target, Target)
+        own, records, target = self.structure, StructureRecords.of(self.structure), pack_target(self.target)
         rods, points = records.rods, records.points
         limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
         return {
@@ -205,8 +200,8 @@ class QuadraticLaw(ModelLaw):
             "kind": shared.PROJECTIONS[self.projected_onto],
             "segments": own.paths.nodes,
             "ranges": own.paths.ranges,
-            "target": self._packed_target.address,
-            "standing": standing_targets(rods, points, self._packed_target),
+            "target": target,
+            "standing": standing_targets(rods, points, target),
             "gravity": self.gravity,
             "effects": self._effects.address,
             "bounds": OF_STATE if self.limits.of_state else FIXED if limited else UNBOUNDED,
@@ -300,17 +295,12 @@ class QuadraticLaw(ModelLaw):
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Report if the (last) target is an equilibrium, as the theorems assume: residual [N], u [N/m], modes."""
-        u, residual, modes = self._at_target
-        return {"residual": residual, "force_densities": u.tolist(), "self_stress_modes": modes}
-
-    @cached_property
-    def _at_target(self) -> tuple[Array, float, int]:
         assert isinstance(self.target, Target)
         structure, nodes, gravity = self.structure, self.target.nodes[-1], self.gravity
         u, residual, modes = _equilibria.get(
             structure, (nodes.tobytes(), gravity), lambda: equilibrium_force_densities(structure, nodes, gravity)
         )
-        return np.asarray(u), float(residual), int(modes)
+        return {"residual": residual, "force_densities": u.tolist(), "self_stress_modes": modes}
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

@@ -20,9 +20,9 @@ from evidence.extremes.pace import pace
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.engines.reports import ENERGY_WARNING
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.library.random_structures import random_velocities

@@ -18,8 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.engines.names import engine_of
-from tensegrity_mj.engines.table import engine_settings, make_engine
+from tensegrity_mj.engines.table import engine_of, engine_settings, make_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start
 from tensegrity_mj.model import rods

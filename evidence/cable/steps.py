@@ -20,7 +20,7 @@ from evidence.cable.cases import (
     simulated,
 )
 from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.engines.names import engine_of
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import RunOptions, run_study

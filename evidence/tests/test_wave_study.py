@@ -23,7 +23,7 @@ from evidence.thesis.ledger import Verdict, judge
 from evidence.thesis.reproduction import reproduce
 from evidence.thesis.runs import Computed
 from tensegrity_mj.cli import main
-from tensegrity_mj.engines.names import engine_of
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.library.named import family_scene

@@ -11,8 +11,7 @@ from typing import Any
 
 from evidence.thesis.disturbance import Disturbance, disturbed, disturbed_options
 from tensegrity_mj.controllers.scenes import from_scene
-from tensegrity_mj.engines.names import engine_of
-from tensegrity_mj.engines.table import ENGINES, make_engine
+from tensegrity_mj.engines.table import ENGINES, engine_of, make_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.named import load_scene
 from tensegrity_mj.model.actuation import Actuation

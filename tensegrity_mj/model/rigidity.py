@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array, IntArray, norm
+from tensegrity_mj.basics.arrays import Array, IntArray, cross, norm
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import null_space_bases
@@ -22,10 +22,6 @@ from tensegrity_mj.model.structure import Structure
 # Singular values of A below this part of the largest count as zero: far above the round-off of 17 digits, far
 # below the 1e-4 of coordinates printed with four digits (which are in no exact equilibrium).
 RANK_TOLERANCE = 1e-9
-
-CROSS = np.zeros((3, 3, 3))  # (e_k × v)_a = Σ_b CROSS[a, k, b] v_b
-for _k in range(3):
-    CROSS[:, _k] = np.cross(np.eye(3)[_k], np.eye(3)).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +84,7 @@ def body_motions(nodes: Array) -> Array:
 
 def turned(vectors: Array) -> Array:
     """(3N, 3): e_k × v for the three axes k of the world and vectors (N, 3)."""
-    return np.einsum("akb,nb->nak", CROSS, vectors).reshape(-1, 3)
+    return cross(np.eye(3), vectors[:, None]).swapaxes(1, 2).reshape(-1, 3)
 
 
 class Equilibrium(NamedTuple):

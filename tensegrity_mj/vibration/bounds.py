@@ -10,9 +10,8 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.bodies import Bodies
-from tensegrity_mj.vibration.geometric import geometric_of_rods
 from tensegrity_mj.vibration.small_motions import Vibration
-from tensegrity_mj.vibration.state import State
+from tensegrity_mj.vibration.state import State, geometric_of_rods
 from tensegrity_mj.vibration.stepping import Scheme
 
 # |z| within which Runge-Kutta's |R(z)| <= 1 for all Re z <= 0 (its smallest radius there is 2.615), and <= e^(2 Re z)

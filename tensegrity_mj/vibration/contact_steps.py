@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, bisect
 from tensegrity_mj.model.elements.contact import Contact, impedance
-from tensegrity_mj.vibration.integrators import polynomial
+from tensegrity_mj.vibration.integrators import REACH, polynomial
 from tensegrity_mj.vibration.stepping import Scheme
 
 DEPTHS = 400  # that are checked, up to the width of the impedance; deeper it is constant
@@ -31,7 +31,6 @@ DEPTHS = 400  # that are checked, up to the width of the impedance; deeper it is
 # (Euler) and 9.6 % (the implicit ones, which brake the fall itself), and by a part that is proportional to h.
 RESOLVED_RUNGE_KUTTA, RESOLVED_FIRST_ORDER = 0.1, 0.01
 SLACK = 1 + 1e-9  # of steps that are just at a bound
-OUTSIDE = 4.0  # |z| beyond which Runge-Kutta's |R(z)| > 1 for all Re z <= 0
 
 
 def small_motion(contact: Contact, depth: Array) -> tuple[Array, Array]:
@@ -105,4 +104,4 @@ def _roots(K: Array, D: Array) -> NDArray[np.complex128]:
 
 def _runge_kutta_step(root: complex) -> float:
     """The largest h with |R(h s)| <= 1, Re s <= 0."""
-    return bisect(lambda h: abs(polynomial(h * root)) <= 1 + 1e-9, 0.0, OUTSIDE / abs(root))[0]
+    return bisect(lambda h: abs(polynomial(h * root)) <= 1 + 1e-9, 0.0, REACH / abs(root))[0]

@@ -39,8 +39,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import on_taut_side
 from tensegrity_mj.vibration.blocks import Blocks, is_dense, spring_blocks
 from tensegrity_mj.vibration.bodies import Bodies
-from tensegrity_mj.vibration.geometric import geometric_of_rods
-from tensegrity_mj.vibration.state import State
+from tensegrity_mj.vibration.state import State, geometric_of_rods
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +118,7 @@ class Vibration:
         """(n, n) [1/s] the blocks of `string_damper` on single bodies: what the implicit integrators count with.
 
         Where rods share nodes half of `string_damper`, as if there were no dampers: in a tree of MuJoCo's bodies, which
-        dampers an implicit integrator knows depends on the tree, and `tree` has them.
+        dampers an implicit integrator knows depends on the tree, and `integrators.TreeModel` has them.
         """
         if self.state.joints is not None:
             return 0.5 * self.string_damper

@@ -33,10 +33,9 @@ from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
 from tensegrity_mj.vibration.contact_steps import contact_limit
-from tensegrity_mj.vibration.integrators import largest_frequency, limit_of
+from tensegrity_mj.vibration.integrators import has_tree_model, largest_frequency, limit_of
 from tensegrity_mj.vibration.small_motions import Vibration
 from tensegrity_mj.vibration.stepping import Scheme, Stepping
-from tensegrity_mj.vibration.tree import has_tree_model
 
 SAMPLES = 25  # configurations that are checked along a run
 

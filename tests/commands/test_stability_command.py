@@ -9,7 +9,7 @@ import pytest
 from command_words import choices_of
 
 from tensegrity_mj.cli import main
-from tensegrity_mj.engines.names import NAMES, TITLES
+from tensegrity_mj.engines.table import NAMES, TITLES
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.page import describe, judgement_of, pictures
 

@@ -13,7 +13,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import Replay
-from tensegrity_mj.engines.names import NAMES
+from tensegrity_mj.engines.table import NAMES
 from tensegrity_mj.model.elements.contact import floor_gaps
 from tensegrity_mj.studies.stability.study import study_stability
 

@@ -16,7 +16,7 @@ import tensegrity_mj as tmj
 from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.names import NAMES, engine_of
+from tensegrity_mj.engines.table import NAMES, engine_of
 from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation, Mode

@@ -26,7 +26,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.engines import Drift
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.names import engine_of
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import StabilityWarning, StructureError
 from tensegrity_mj.library.cable import Excitation, cable
 from tensegrity_mj.library.random_structures import random_linked_structure
@@ -43,11 +43,10 @@ from tensegrity_mj.studies.stability.cases import joined_points, joined_scene, s
 from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
-from tensegrity_mj.vibration.integrators import limit_of, system_matrix
+from tensegrity_mj.vibration.integrators import limit_of, system_matrix, tree_limit, tree_model
 from tensegrity_mj.vibration.small_motions import Vibration, vibration
 from tensegrity_mj.vibration.step_warnings import explain_warnings
 from tensegrity_mj.vibration.stepping import Scheme
-from tensegrity_mj.vibration.tree import tree_limit, tree_model
 
 Array = NDArray[np.float64]
 G = 9.81

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.names import engine_of
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.moved_supports import velocities_with_supports

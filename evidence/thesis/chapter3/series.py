@@ -31,7 +31,7 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
-from tensegrity_mj.engines.names import engine_of
+from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
 from tensegrity_mj.linearization.linearizing import linearize

@@ -23,9 +23,8 @@ import numpy as np
 
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
-from tensegrity_mj.engines.names import engine_of
 from tensegrity_mj.engines.requirements import engines_for, require
-from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.engines.table import ENGINES, engine_of
 from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene

@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.engines.names import NAMES, TITLES
+from tensegrity_mj.engines.table import NAMES, TITLES
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, Figure, common_legend, frame, grid_of_panels
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of

@@ -33,8 +33,8 @@ from tensegrity_mj.basics.fields import function_of
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.names import NAMES, engine_of, simulates
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.table import NAMES, engine_of, simulates
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
@@ -54,9 +54,8 @@ from tensegrity_mj.studies.stability.cases import (
 )
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.bodies import Bodies
-from tensegrity_mj.vibration.geometric import forces_on_nodes, forces_round_off
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
-from tensegrity_mj.vibration.state import State
+from tensegrity_mj.vibration.state import State, forces_on_nodes, forces_round_off
 
 STEPS = 1000
 GROWTH = 10.0
@@ -350,7 +349,7 @@ class StabilityStudy:
         scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
         law: closes the loop in the part about the scene's own motion; the scene's own by default, where it can be
             evaluated at every stage; None for none.
-        engines: names from `engines.names.NAMES`.
+        engines: names from `engines.table.NAMES`.
         maps: axes of `cases.AXES`.
         quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
         random: how many random taut structures; a third as many trees and loops of rods come on top.
