@@ -175,7 +175,18 @@ def _part(part: Picture | Table | str) -> str:
     if isinstance(part, str):
         return part
     if isinstance(part, Picture):
-        return _picture(part)
+        if isinstance(part.figure, (str, os.PathLike)):
+            source = Path(part.figure)
+            kind = IMAGE_TYPES.get(source.suffix.lower())
+            if kind is None:
+                raise OptionError(f"picture {source}: a report holds {', '.join(IMAGE_TYPES)} files or figures")
+            data = _read(source, "picture")
+        else:
+            buffer = io.BytesIO()
+            print_png(part.figure, buffer, 120)
+            kind, data = "image/png", buffer.getvalue()
+        caption = f"<figcaption>{escape(part.caption)}</figcaption>" if part.caption else ""
+        return f'<figure><img alt="{escape(part.caption)}" src="{data_url(kind, data)}">{caption}</figure>'
     body = table_of(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
     if part.folded:
         return f"<details><summary>{escape(part.title)}</summary>{body}</details>"
@@ -285,21 +296,6 @@ def _flat(found: Mapping[str, Any], before: str = "") -> list[tuple[object, ...]
         elif value is not None and not (isinstance(value, (list, tuple)) and not len(value)):
             rows.append((words, value))
     return rows
-
-
-def _picture(picture: Picture) -> str:
-    if isinstance(picture.figure, (str, os.PathLike)):
-        source = Path(picture.figure)
-        kind = IMAGE_TYPES.get(source.suffix.lower())
-        if kind is None:
-            raise OptionError(f"picture {source}: a report holds {', '.join(IMAGE_TYPES)} files or figures")
-        data = _read(source, "picture")
-    else:
-        buffer = io.BytesIO()
-        print_png(picture.figure, buffer, 120)
-        kind, data = "image/png", buffer.getvalue()
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
-    return f'<figure><img alt="{escape(picture.caption)}" src="{data_url(kind, data)}">{caption}</figure>'
 
 
 def _video(video: PathLike | None, note: str) -> str:

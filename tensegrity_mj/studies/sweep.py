@@ -229,8 +229,18 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
 
 
 def drafted(common: Mapping[str, Any]) -> Draft:
-    """The experiment of what all points of a sweep share."""
-    know_elements(common.get("elements", {}))
+    """The experiment of what all points of a sweep share; raise OptionError for an element that cannot be imported."""
+    known = registered(Element)
+    for kind, place in common.get("elements", {}).items():  # of `elements_of`
+        module, _, name = place.partition(":")
+        try:
+            if kind not in known:
+                register(kind, getattr(import_module(module), name))
+        except (ImportError, AttributeError) as error:
+            raise OptionError(
+                f"elements: kind '{kind}' is the class {name} of {module}, which another process cannot import: define "
+                "it in a module, or run the study in this process"
+            ) from error
     return Draft(
         scene=scene_of(common["scene"]),
         family=common.get("family", ""),
@@ -250,22 +260,6 @@ def elements_of(scene: Scene) -> dict[str, Any]:
     kinds = {kind_of(type(element)): type(element) for element in scene.elements}
     places = {kind: f"{cls.__module__}:{cls.__qualname__}" for kind, cls in kinds.items() if kind}
     return {"elements": places} if places else {}
-
-
-def know_elements(places: Mapping[str, str]) -> None:
-    """Register what `elements_of` found; raise OptionError for a class that this process cannot import."""
-    known = registered(Element)
-    for kind, place in places.items():
-        if kind in known:
-            continue
-        module, _, name = place.partition(":")
-        try:
-            register(kind, getattr(import_module(module), name))
-        except (ImportError, AttributeError) as error:
-            raise OptionError(
-                f"elements: kind '{kind}' is the class {name} of {module}, which another process cannot import: define "
-                "it in a module, or run the study in this process"
-            ) from error
 
 
 @lru_cache(maxsize=16)

@@ -152,7 +152,14 @@ class Workers:
         else:
             optional("distributed", "a cluster", of_extra("cluster"))
             with _connected(self.address, self.client) as client:
-                _check_import(client, task.__module__)
+                for name in (__package__, task.__module__):  # before any point
+                    try:
+                        client.run(exec, f"import {name}")  # a builtin, which needs nothing to be sent
+                    except Exception as error:
+                        raise OptionError(
+                            f"workers: the cluster cannot import '{name}' ({type(error).__name__}: {error}); install "
+                            "it where its workers run, in the version used here"
+                        ) from error
                 yield partial(_answers, partial(_Cluster, client), self.count)
 
 
@@ -366,15 +373,3 @@ def _connected(address: str | None, client: Any) -> Iterator[Any]:
     finally:
         with contextlib.suppress(OSError):  # TimeoutError, too: a scheduler that is lost says no goodbye
             own.close(timeout=CLOSE_TIMEOUT)
-
-
-def _check_import(client: Any, module: str) -> None:
-    """Raise OptionError, before any point, where the cluster's workers cannot import what they need."""
-    for name in (__package__, module):
-        try:
-            client.run(exec, f"import {name}")  # a builtin, which needs nothing to be sent
-        except Exception as error:
-            raise OptionError(
-                f"workers: the cluster cannot import '{name}' ({type(error).__name__}: {error}); install it where its "
-                "workers run, in the version used here"
-            ) from error

@@ -221,15 +221,6 @@ ONLY_TREATED = (", monitor", ", normalize", ", Baumgarte")
 DRIFT = "drift treatments"
 
 
-class Panel(NamedTuple):
-    """One experiment, or a part of its families."""
-
-    experiment: Data
-    timing: Data
-    title: str
-    families: Sequence[str]
-
-
 def has_diagram(data: Data) -> bool:
     """Return whether some experiment has a reference, and so errors to draw."""
     return any(one["reference"]["engine"] is not None for one in data["experiments"])
@@ -251,11 +242,11 @@ def diagram(data: Data, cost: Cost) -> Figure:
         )
     columns = min(MOST_BESIDE, len(panels)) if len(panels) not in (5, 6) else 3
     across = int(max(columns, 2) * PANEL[0] / LEGEND_COLUMN)
-    legend = LEGEND_ROW * math.ceil((len({name for panel in panels for name in panel.families}) + 4) / across)
+    legend = LEGEND_ROW * math.ceil((len({name for *_, families in panels for name in families}) + 4) / across)
     width = PANEL[0] if columns > 1 else 2 * PANEL[0]
     figure, places = grid_of_panels(len(panels), columns, width, PANEL[1], legend + 0.3)
     for place, panel in zip(places, panels, strict=True):
-        _draw(place, panel, cost)
+        _draw(place, cost, *panel)
     limits = np.array([place.get_xlim() for place in places])
     for number, place in enumerate(places):
         place.set_xlim(limits[:, 0].min(), limits[:, 1].max())
@@ -270,7 +261,8 @@ def diagram(data: Data, cost: Cost) -> Figure:
     return figure
 
 
-def _panels(data: Data) -> list[Panel]:
+def _panels(data: Data) -> list[tuple[Data, Data, str, list[str]]]:
+    """Experiments with their timing, title and families, or a part of these."""
     found = []
     drawn = [pair for pair in with_timing(data) if pair[0]["reference"]["engine"] is not None]
     # Treatments of drift are compared where the law is at work, if there is one.
@@ -279,10 +271,10 @@ def _panels(data: Data) -> list[Panel]:
         run = [one for one in experiment["points"] if one["status"] != "refused"]
         names = list(dict.fromkeys(one["family"] for one in run))
         treated = [name for name in names if name.endswith(ONLY_TREATED)]
-        found.append(Panel(experiment, timing, _title(experiment), [name for name in names if name not in treated]))
+        found.append((experiment, timing, _title(experiment), [name for name in names if name not in treated]))
         if treated and experiment["key"] == unheld[-1]:
             own = [name for name in names if name in TREATED or name in treated]
-            found.append(Panel(experiment, timing, f"{_title(experiment)}: {DRIFT}", own))
+            found.append((experiment, timing, f"{_title(experiment)}: {DRIFT}", own))
     return found
 
 
@@ -298,15 +290,14 @@ def costs(experiment: Data, timing: Data, cost: Cost) -> list[float | None]:
     return found
 
 
-def _draw(place: Axes, panel: Panel, cost: Cost) -> None:
-    experiment = panel.experiment
+def _draw(place: Axes, cost: Cost, experiment: Data, timing: Data, title: str, families: Sequence[str]) -> None:
     own = experiment["reference"]["own_error"]
-    spent = np.array(costs(experiment, panel.timing, cost), float)  # NaN where there is none
+    spent = np.array(costs(experiment, timing, cost), float)  # NaN where there is none
     errors = np.maximum(np.array([one["error"] for one in experiment["points"]], float), LEAST)
     failed = np.isnan(errors)
-    families = np.array([one["family"] for one in experiment["points"]])
-    for family in panel.families:
-        style, members = STYLES.get(family, Style(GREY, "x")), families == family
+    family_of = np.array([one["family"] for one in experiment["points"]])
+    for family in families:
+        style, members = STYLES.get(family, Style(GREY, "x")), family_of == family
         place.plot(
             spent[members & ~failed], errors[members & ~failed], color=style.color, ls=style.line, lw=0.9,
             marker=style.marker, ms=3.4, mfc="white" if style.hollow else style.color, mew=0.8, zorder=3, label=family,
@@ -316,10 +307,10 @@ def _draw(place: Axes, panel: Panel, cost: Cost) -> None:
             lost, [TOP] * len(lost), color=style.color, in_layout=False, transform=place.get_xaxis_transform(),
             zorder=4, **CROSS,
         )  # fmt: skip
-    shown = np.isin(families, panel.families)
+    shown = np.isin(family_of, families)
     if np.any(shown & failed):
         place.plot([], [], color=GREY, label="unstable or failed", **CROSS)
-    front = panel.timing["front"] if cost is Cost.WALL_TIME else experiment["by_right_hand_sides"]["front"]
+    front = timing["front"] if cost is Cost.WALL_TIME else experiment["by_right_hand_sides"]["front"]
     best = [number for number in front if shown[number]]
     place.plot(
         spent[best], errors[best], color=(0.78, 0.80, 0.83), lw=6, solid_capstyle="round", solid_joinstyle="round",
@@ -331,7 +322,7 @@ def _draw(place: Axes, panel: Panel, cost: Cost) -> None:
     low = float(drawn.min(initial=own or LEAST))
     place.set_ylim(max(low, LEAST) / 30, float(drawn.max(initial=10 * low)) * 300)
     _lines(place, experiment, own)
-    frame(place, panel.title, legend=False, small=1.0)
+    frame(place, title, legend=False, small=1.0)
 
 
 def _lines(place: Axes, experiment: Data, own: float | None) -> None:

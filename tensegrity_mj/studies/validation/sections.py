@@ -254,30 +254,24 @@ def _map(setup: Setup, engine: str) -> Iterator[Case]:
     """The pinned rod, at rest in random directions, under this law and the thesis' laws side by side."""
     directions = setup.generator(4).normal(size=(setup.extent.map_starts, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    compared = _side_by_side(setup)
-    for name, spec in compared.items():
-        for draw, b in enumerate(directions):
-            nodes = turned(setup.scene, b)
-            facts = {"law": name, "draw": draw, "direction": b.tolist()}
-            point = setup.usual(engine) | {"nodes": nodes.tolist(), "law": spec}
-            yield Case("starts", f"{name}, draw {draw + 1}", point, facts)
-
-
-def _side_by_side(setup: Setup) -> dict[str, Any]:
-    """The law under test and those of `SIDE_BY_SIDE`, by name; None stands for the law under test."""
     control = setup.scene.control
     under_test = native_law(setup.law, setup.scene.structure).description
-    found: dict[str, Any] = {UNDER_TEST: None}
+    compared: dict[str, Any] = {UNDER_TEST: None}  # None stands for the law under test
     for name, spec in SIDE_BY_SIDE.items():
         if control is None or control.law not in LAWS:
             # The scene says nothing of them: e^-9 of V(0) is left at the end, as in §5.4.
             spec = spec | {"options": {**spec["options"], "decay_rate": 9.0 / setup.duration}}
         law = specs.make(spec, setup.scene)
         if native_law(law, setup.scene.structure).description == under_test:
-            found = {(f"{name} ({UNDER_TEST})" if key == UNDER_TEST else key): own for key, own in found.items()}
+            compared = {(f"{name} ({UNDER_TEST})" if key == UNDER_TEST else key): own for key, own in compared.items()}
         elif setup.continuous or not law.discontinuous:
-            found[name] = spec
-    return found
+            compared[name] = spec
+    for name, spec in compared.items():
+        for draw, b in enumerate(directions):
+            nodes = turned(setup.scene, b)
+            facts = {"law": name, "draw": draw, "direction": b.tolist()}
+            point = setup.usual(engine) | {"nodes": nodes.tolist(), "law": spec}
+            yield Case("starts", f"{name}, draw {draw + 1}", point, facts)
 
 
 def turned(scene: Scene, b: Array) -> Array:
