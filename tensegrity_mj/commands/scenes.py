@@ -275,7 +275,7 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     if further:
         further += "; ledger and recording included, set-up not; median over the first "
         further += f"{timing['run_time']:.3g} s, h = {timing['timestep']:.3g} s"
-    shares = [f"{share:.0%} {part}" for part, share in timing["shares"].items()]
+    shares = [f"{100 * share:.0f} % {part}" for part, share in timing["shares"].items()]
     extras = [
         f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
         for extra in timing["extras"]

@@ -181,9 +181,9 @@ def message(found: StableStep, stepping: Stepping, step: float) -> str:
     where = "at the start" if found.time == 0 else f"at t = {found.time:.4g} s"
     kind = found.scheme.value if found.scheme is not None else ""
     loop = "in the loop with the law" if found.closed_loop else f"stiffest motion ω = {found.omega:.4g} rad/s"
-    blame = f"'{found.rod}' ({found.rod_share:.0%} of the motion)" if found.rod else "the law alone"
+    blame = f"'{found.rod}' ({100 * found.rod_share:.0f} % of the motion)" if found.rod else "the law alone"
     if found.string:
-        blame += f" on string '{found.string}' ({found.string_share:.0%} of its energy)"
+        blame += f" on string '{found.string}' ({100 * found.string_share:.0f} % of its energy)"
     remedies = [f"use a step below {found.limit:.3g} s"]
     if not found.closed_loop:
         remedies += [stepping.against_strings] if found.string and stepping.against_strings else []

@@ -301,7 +301,7 @@ def test_the_summary_says_what_a_user_can_act_on(report: Any) -> None:
         {"law": "other", "starts": 4, "converged": 1.0, "kept": None},
     ]
     assert _start_sentences(setup, "starts", {"fractions": fractions}) == [
-        "Random starts that converge, of 4 each: mine: 50% (25% with V as promised all the way); other: 100%.",
+        "Random starts that converge, of 4 each: mine: 50 % (25 % with V as promised all the way); other: 100 %.",
         "Where V leaves its promise, fixed steps of 5 ms passed a singularity of the law, or were too long for it: do "
         "not count on these starts.",
     ]

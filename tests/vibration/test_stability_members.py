@@ -110,7 +110,7 @@ def test_the_study_says_who_refuses_a_scene() -> None:
 def test_a_page_says_which_structure_its_steps_are_of() -> None:
     """A taut structure is measured with strings of 1000 N/m, whose steps are not those of the scene; a net as it is."""
     engine = {"predicted": 0.0115, "measured": 0.0115, "ratio": 1.0, "agrees": True, "cause": "", "largest": 1.0}
-    for name, words in (("prism", "with strings of 1000 N/m that are stretched by up to 2%"), ("net", "net as it is")):
+    for name, words in (("prism", "with strings of 1000 N/m that are stretched by up to 2 %"), ("net", "net as it is")):
         base, text = scene_at_rest(scene := tmj.load_scene(name))
         shown = {"text": text, "stand_in": False, "engines": {"rk4": engine}}
         assert words in judgement_of({"scene": name, "base": shown}).verdict

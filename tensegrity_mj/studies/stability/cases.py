@@ -26,7 +26,7 @@ from tensegrity_mj.vibration.bodies import Bodies
 # Base structure: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
 STIFFNESS = 1000.0
 PRESTRAIN = 0.02
-EVEN = f"with strings of {STIFFNESS:g} N/m that are stretched by up to {PRESTRAIN:.0%}, without dampers"
+EVEN = f"with strings of {STIFFNESS:g} N/m that are stretched by up to {100 * PRESTRAIN:.0f} %, without dampers"
 TENSION = 10.0  # [N/m] the largest u while stiffness is varied
 LOOSE = -0.05  # u/k of a slack string
 SUBSTITUTE_SEED = 1
@@ -69,7 +69,7 @@ def _held(scene: Scene) -> tuple[Scene, str]:
         structure = structure.with_strings(
             rest_length=np.where(edge, (1 - PRESTRAIN) * lengths, structure.rest_lengths)
         )
-        text += f", {int(edge.sum())} strings without tension stretched by {PRESTRAIN:.0%}"
+        text += f", {int(edge.sum())} strings without tension stretched by {100 * PRESTRAIN:.0f} %"
     resistance = None if scene.resistance is None else replace(scene.resistance, wind=(0.0, 0.0, 0.0))
     still = Scene(structure, name=scene.name, gravity=scene.gravity, resistance=resistance)
     if balance(StaticModel.of(still)).is_equilibrium:

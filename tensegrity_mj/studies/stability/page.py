@@ -69,7 +69,8 @@ def _verdict(data: Data) -> str:
         return f"The step of {data['scene']} has limits that were measured and not predicted."
     if not ratios:
         return f"Nothing limits the step of {data['scene']} as far as was tried."
-    return f"At rest, predicted largest steps of {data['base']['text']}, are within {off:.1%} of those measured{span}."
+    what = f"predicted largest steps of {data['base']['text']}"
+    return f"At rest, {what}, are within {100 * off:.1f} % of those measured{span}."
 
 
 def _findings(data: Data) -> Iterator[Finding]:
@@ -91,7 +92,7 @@ def _findings(data: Data) -> Iterator[Finding]:
         if data.get(name):
             total = data[name]["summary"]
             agree, count = total["structures_agree"], total["structures"]
-            text = f"{agree} of {count} {words} agree within {total['allowed']:.0%} in every engine."
+            text = f"{agree} of {count} {words} agree within {100 * total['allowed']:.0f} % in every engine."
             text += f" {failed} could not be computed." if (failed := data[name]["failed"]) else ""
             yield Finding(mark_of(agree, count), text)
 
@@ -252,7 +253,9 @@ def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
     """Yield for each engine the limits [s], their ratio, over 2/ω, rod and string, and what explains a difference."""
     for name, one in part["engines"].items():
         over = None if one["predicted"] is None else one["predicted"] * one["omega"] / 2
-        rod, string = (f"{one[what]} ({one[f'{what}_share']:.0%})" if one[what] else "" for what in ("rod", "string"))
+        rod, string = (
+            f"{one[what]} ({100 * one[f'{what}_share']:.0f} %)" if one[what] else "" for what in ("rod", "string")
+        )
         yield TITLES[name], one["predicted"], one["measured"], one["ratio"], over, rod, string, one["cause"]
 
 

@@ -315,7 +315,7 @@ def agreement(part: Mapping[str, Any]) -> str:
     middle = "-" if total["median_difference"] is None else f"{total['median_difference']:.2g}"
     return (
         f"{total['agree']} of {total['comparisons']} comparisons and {total['structures_agree']} of "
-        f"{total['structures']} structures agree within {total['allowed']:.0%}; median difference {middle}"
+        f"{total['structures']} structures agree within {100 * total['allowed']:.0f} %; median difference {middle}"
     )
 
 

@@ -217,7 +217,7 @@ def _shortened(experiment: Experiment, options: TradeoffOptions, store: Store) -
         if part < 1:
             note = (
                 f"Shortened from {experiment.duration:g} s: of the whole, no reference within the budget is known to "
-                f"{SURE:.0%} of the motion."
+                f"{100 * SURE:.0f} % of the motion."
             )
             shorter = float(f"{part * experiment.duration:.12g}")
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())

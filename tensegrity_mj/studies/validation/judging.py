@@ -392,11 +392,15 @@ def _share(one: Data) -> str:
     left = one["starts"] - one.get("judged", one["starts"])
     if one["converged"] is None:
         return "none is judged"
-    return f"{one['converged']:.0%}{_promise(one)}" + (f" ({left} not judged)" if left else "")
+    return f"{100 * one['converged']:.0f} %{_promise(one)}" + (f" ({left} not judged)" if left else "")
 
 
 def _promise(one: Data) -> str:
-    return "" if one["kept"] in (None, one["converged"]) else f" ({one['kept']:.0%} with V as promised all the way)"
+    return (
+        ""
+        if one["kept"] in (None, one["converged"])
+        else f" ({100 * one['kept']:.0f} % with V as promised all the way)"
+    )
 
 
 def _tolerated(own: Sequence[Data], amounts: Sequence[str], what: str) -> str:

@@ -178,7 +178,7 @@ def _off(setup: Setup, engine: str, section: str, numbers: Mapping[str, float], 
         off += [(f"all × {f:g}", [f] * len(numbers), {"factor": f}) for f in (1 - OFF, 1 + OFF)]
     for draw in range(setup.extent.random_plants if len(numbers) > 1 else 0):
         factors = setup.generator(key, draw).uniform(1 - OFF, 1 + OFF, len(numbers)).tolist()
-        off.append((f"each by up to ±{OFF:.0%}, draw {draw + 1}", factors, {"factors": factors}))
+        off.append((f"each by up to ±{100 * OFF:.0f} %, draw {draw + 1}", factors, {"factors": factors}))
     for label, factors, facts in off:
         pairs = zip(numbers.items(), factors, strict=True)
         settings = {f"plant.{path}": value * factor for (path, value), factor in pairs}

@@ -251,7 +251,7 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
 
 
 def _percent(part: float | None) -> str:
-    return "–" if part is None else f"{part:.0%}"
+    return "–" if part is None else f"{100 * part:.0f} %"
 
 
 def _values(one: Data) -> list[str]:
