@@ -128,6 +128,12 @@ def prism() -> tmj.Scene:
 
 
 @pytest.fixture(scope="session")
+def law(prism: tmj.Scene) -> Any:
+    """The prism's own law, which keeps nothing between calls."""
+    return tmj.controllers.from_scene(prism)
+
+
+@pytest.fixture(scope="session")
 def prism_run(prism: tmj.Scene) -> tmj.Trajectory:
     """A tenth of a second of the prism under its law, in MuJoCo, at a step of 10 ms."""
     return tmj.simulate(prism, tmj.controllers.from_scene(prism), tmj.MuJoCo(1e-2), duration=0.1)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.jax.settings import JAX
     from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
     from tensegrity_mj.engines.mujoco.settings import MuJoCo
+    from tensegrity_mj.engines.reference.engine import ReferenceEngine
+    from tensegrity_mj.engines.reference.ensemble import IntegratedEnsemble
 
 _MEMBERS: dict[str, Callable[[Any], Any]] = {
     "nodes": lambda structure: structure.node_names,
@@ -47,18 +49,14 @@ class Ensemble(Sequence[Trajectory]):
         cost: wall time [s], steps and evaluations of all runs together.
     """
 
-    def __init__(self, engine_run: MuJoCoEnsemble | JAXEnsemble, requests: Sequence[Request]) -> None:
+    def __init__(
+        self, engine_run: MuJoCoEnsemble | IntegratedEnsemble | JAXEnsemble, requests: Sequence[Request]
+    ) -> None:
         self._run, self._requests = engine_run, requests
         self._outcomes: dict[int, Trajectory | TensegrityError] = {}
         self.scenes = tuple(request.scene for request in requests)
-        first = engine_run.members[0]
-        self.time: Array = first.grid.times
-        steps = int(engine_run.counters[:, 1].sum())
-        self.cost = {
-            "wall_time": engine_run.seconds,
-            "steps": steps,
-            "evaluations": steps * engine_run.stages,
-        }
+        self.time: Array = engine_run.times
+        self.cost = engine_run.cost
 
     def __len__(self) -> int:
         return len(self._requests)
@@ -97,8 +95,8 @@ class Ensemble(Sequence[Trajectory]):
         out = np.empty((len(self), T, N, 3))
         members: Sequence[Any] = self._run.members
         for number, member_ in enumerate(members):
-            out[number] = member_.rows[:T, 3 * N * part : 3 * N * (part + 1)].reshape(T, N, 3)
             ended, outcome = member_.ended_early, self._outcome(number)
+            out[number] = member_.rows[:T, 3 * N * part : 3 * N * (part + 1)].reshape(T, N, 3)
             if isinstance(outcome, DivergenceError):  # the energy balance may know it earlier than the engine
                 ended = outcome.time
             if ended is not None:
@@ -126,7 +124,7 @@ class Ensemble(Sequence[Trajectory]):
 def simulate_many(
     scenes: Sequence[Scene],
     controllers: AnyLaw | Sequence[AnyLaw] = SCENE_LAW,
-    engine: MuJoCo | JAX | None = None,
+    engine: MuJoCo | ReferenceEngine | JAX | None = None,
     *,
     duration: float | None = None,
     actuation: Actuation | None = None,
@@ -135,7 +133,7 @@ def simulate_many(
     threads: int = 0,
     progress: bool = False,
 ) -> Ensemble:
-    """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo or JAX.
+    """Simulate scenes whose structures have the same members, in one process, on threads.
 
     Each run equals that of `simulate`. Initial states, targets, loads, breaks, and all numbers of structure, gravity
     and contact may differ from scene to scene. Nodes, rods and strings may not, nor which of them have joints or masses
@@ -146,12 +144,12 @@ def simulate_many(
         scenes: of the same members.
         controllers: a law for all, or one a scene; each scene's own by default, None for none. A law that keeps
             something between calls gets a fresh state a run.
-        engine: `MuJoCo(...)`, without `accuracy`; or `JAX(method="rk4", ...)`, of scenes that differ in their starts
-            and in their strings' stiffness, damping and rest lengths, under one law.
+        engine: `MuJoCo(...)`, `DAE(...)` or `ODE(...)`, without `accuracy`; or `JAX(method="rk4", ...)`, of scenes that
+            differ in their starts and in their strings' stiffness, damping and rest lengths, under one law.
         duration, actuation, on_infeasible, output_interval, progress: as in `simulate`; the duration is the first
             scene's by default.
-        threads: number of threads; 0 for as many as there are cores. MuJoCo's results do not depend on it; JAX's do by
-            the round-off of sums in another order.
+        threads: number of threads; 0 for as many as there are cores. JAX's results depend on it by the round-off of
+            sums in another order; those of others do not.
 
     Warns:
         StabilityWarning: where the step is beyond the largest stable one at the start of the first scene.
@@ -193,10 +191,10 @@ def simulate_many(
 def _checked(scenes: Any, engine: Any) -> list[Scene]:
     if isinstance(scenes, Scene) or not isinstance(scenes, Sequence) or not scenes:
         raise OptionError("scenes: give a list of at least one Scene")
-    first = scenes[0]
+    first, use = scenes[0], "simulate_many" if engine.descriptor.shares_model else ""
     for number, scene in enumerate(scenes):
         instance(f"scenes[{number}]", scene, Scene, "use a Scene, or load_scene(name or path)")
-        require(engine, scene, "simulate_many", f"scenes[{number}]")
+        require(engine, scene, use, f"scenes[{number}]")
         for what, names in _MEMBERS.items():
             if names(scene.structure) != names(first.structure):
                 raise OptionError(
@@ -207,15 +205,14 @@ def _checked(scenes: Any, engine: Any) -> list[Scene]:
 
 
 def _shared(engine: Any, what: str) -> Any:
-    """The engine; OptionError unless one model of it, with these options, makes many runs."""
+    """The engine; OptionError unless it makes many runs with these options."""
     engine = checked_engine(engine)
-    descriptor = getattr(engine, "descriptor", None)
-    if descriptor is None or not descriptor.shares_model:
-        able = " or ".join(row.place.partition(":")[2] + "(...)" for row in ENGINES.values() if row.shares_model)
+    if not callable(getattr(engine, "ensemble", None)):
+        able = " or ".join(row.place.partition(":")[2] + "(...)" for row in ENGINES.values())
         raise OptionError(f"engine = {engine!r}: {what} runs in {able}; run_many takes any engine")
     if getattr(engine, "accuracy", None) is not None:
         raise OptionError(f"{what}: accuracy = {engine.accuracy:g} m chooses a step for each run; give a timestep")
-    if getattr(engine, "locate_slack", False):
+    if engine.descriptor.shares_model and getattr(engine, "locate_slack", False):
         raise OptionError(
             f"{what}: locate_slack = True, which splits the steps of one run where its strings change, and here "
             "MuJoCo makes the steps of many: leave it out, or use run_many"
@@ -261,9 +258,10 @@ def law_in(
     from tensegrity_mj.engines.mujoco.many import OTHER_STRINGS
     from tensegrity_mj.engines.mujoco.run_view import RUN
 
-    engine = _shared(engine, "law_in")
-    if engine.descriptor is not ENGINES["mujoco"]:
+    engine = checked_engine(engine)
+    if getattr(engine, "descriptor", None) is not ENGINES["mujoco"]:
         raise OptionError(f"engine = {engine!r}: law_in closes the loop inside MuJoCo: use MuJoCo(...)")
+    engine = _shared(engine, "law_in")
     member("on_infeasible", on_infeasible, OnInfeasible)
     law = law_for(scene, law)
     if law is None:

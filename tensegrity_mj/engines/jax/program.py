@@ -372,9 +372,9 @@ class JAXEnsemble:
     Attributes:
         options: the engine.
         members: when `run` is done, a run each, which `conclude`s with its trajectory or its error.
-        stages: evaluations of the forces a step.
-        counters: (S, 2): the second column has the steps.
+        times: (T,) [s] of their rows.
         seconds: wall time of the integration of all.
+        steps: of all runs together.
         blocks: how many threads have a part of the runs each: XLA computes a small array on one core.
     """
 
@@ -393,8 +393,7 @@ class JAXEnsemble:
         width = self.program.parameters["nodes"].size // len(requests) * 2
         check_rows(float(len(requests)) * len(self.program.times), width)
         self.members: list[_Member] = []
-        self.stages, self.seconds = self.program.steps.stages, 0.0
-        self.counters = np.zeros((len(requests), 2), np.int64)
+        self.times, self.seconds, self.steps = self.grid.times, 0.0, 0
         alone = jax.default_backend() != "cpu"  # a GPU takes them all at once
         wanted = range(min(1 if alone else threads or os.cpu_count() or 1, len(requests)), 0, -1)
         self.blocks = next(count for count in wanted if len(requests) % count == 0)  # of one size, on a thread each
@@ -416,7 +415,13 @@ class JAXEnsemble:
                 for place, request in enumerate(self.requests[number * size : (number + 1) * size]):
                     own = Observed(*(one if one.ndim == 1 else one[..., place] for one in rows))
                     self.members.append(_Member(self.options, request, self.grid, own, cost))
-                self.counters[number * size : (number + 1) * size, 1] = int(cost["steps"])
+                self.steps += size * int(cost["steps"])
+
+    @property
+    def cost(self) -> dict[str, float]:
+        """Wall time [s], steps and evaluations of all runs together."""
+        evaluations = self.steps * self.program.steps.stages
+        return {"wall_time": self.seconds, "steps": self.steps, "evaluations": evaluations}
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many, mjcf_tree, run_view
@@ -104,6 +105,17 @@ class MuJoCoEnsemble:
                 "and simulate_many runs models of one kind: use run_many"
             )
         self.models = models
+
+    @property
+    def times(self) -> Array:
+        """(T,) [s] of the rows."""
+        return self.members[0].grid.times
+
+    @property
+    def cost(self) -> dict[str, float]:
+        """Wall time [s], steps and evaluations of all runs together."""
+        steps = int(self.counters[:, run_view.STEP].sum())
+        return {"wall_time": self.seconds, "steps": steps, "evaluations": steps * self.stages}
 
     def enter(self, number: int, request: Request, ready: Prepared, first: Scene | None = None) -> MuJoCoRun:
         """Begin a run as the simulation of that number, instead of the one before.

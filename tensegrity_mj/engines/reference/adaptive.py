@@ -33,6 +33,7 @@ CRAWL_STEPS = 5000
 # a rest length is that many sizes below zero, and the energy that square times what strings stretched by the size hold.
 FAR, LOOK_AFTER = 10.0, 100
 LEAST_SEARCHED = 1e-9  # of the duration: shorter steps are not searched for short pulls of strings
+GIVEN_UP = -1  # where a run came to, beside the answers of `dop853`
 VANISHING_MARGIN = (
     1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
 )
@@ -46,7 +47,13 @@ BEYOND = (
 
 
 class ErrorControlled:
-    """One run with DOP853 or Radau."""
+    """One run with DOP853 or Radau.
+
+    Attributes:
+        times: (T,) [s] of the rows.
+        rows: recorded so far, with room for one more.
+        came_to: where it is.
+    """
 
     def __init__(self, run: IntegratedRun) -> None:
         self.run, self.options, self.request, self.plant = run, run.options, run.request, run.plant
@@ -82,23 +89,41 @@ class ErrorControlled:
             gaps=np.zeros(strings),
         )
         self.radau = None if explicit else RadauSteps(own, self.plant)
+        self.came_to = dop853.PAUSED
+        self.cause: tuple[str, str] | None = None  # and remedy, where it is given up
+        _ = controlled.advance.address  # compiles
         own["method"] = dop853.dop853_step.address if self.radau is None else self.radau.address
 
-    def integrate(self) -> Trajectory:
-        """The whole run.
+    def go(self) -> None:
+        """Take the steps, up to where the run ends; see `conclude` for what becomes of it."""
+        with driving.progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
+            for _, count in driving.chunks(self.options.max_steps):
+                self.came_to = self._advance(count)
+                show(self.own["t"])
+                if self.came_to != dop853.PAUSED:
+                    break
+
+    @property
+    def cost(self) -> dict[str, int]:
+        """Steps and evaluations so far."""
+        own = self.own
+        return {
+            "steps": own["steps"],
+            "evaluations": own["evaluations"] + (self.radau.evaluations if self.radau else 0),
+        }
+
+    @property
+    def ended_early(self) -> float | None:
+        """The time [s] at which it ended before its time, or None."""
+        return None if self.came_to == dop853.ENDED else self.own["t"]
+
+    def conclude(self, seconds: float) -> Trajectory:
+        """Return the run's trajectory, or raise the error that it ended with.
 
         Raises:
             DivergenceError: where the solver cannot go on, or energy comes from nowhere.
         """
-        _ = controlled.advance.address  # compiles
-        self.clock = driving.Stopwatch(self.request)
-        came_to = dop853.PAUSED
-        with driving.progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
-            for _, count in driving.chunks(self.options.max_steps):
-                came_to = self._advance(count)
-                show(self.own["t"])
-                if came_to != dop853.PAUSED:
-                    break
+        self.seconds, came_to = seconds, self.came_to
         if came_to == dop853.ENDED:
             run = self._finish(self.times, self.rows[:-1], Status.COMPLETED, "", switches=self.own["switches"])
             check_energy(run, "tighten rtol and atol")
@@ -119,15 +144,19 @@ class ErrorControlled:
             if steps % CRAWL_STEPS == 0:
                 came = t - self.mark_of_progress
                 if came < CRAWL_STEPS / self.options.max_steps * self.request.duration / 100:
-                    raise self._given_up(f"the last {CRAWL_STEPS} steps came only {came:.2g} s further")
+                    self.cause = (f"the last {CRAWL_STEPS} steps came only {came:.2g} s further", REMEDY)
                 self.mark_of_progress = t
             if steps % LOOK_AFTER == 0:
                 self._check_drive()
+            if self.cause:
+                return GIVEN_UP
         return dop853.PAUSED
 
     def _failure(self, came_to: int) -> BaseException:
         """The error of a run that cannot go on from where it came to."""
         own, error = self.own, self.radau.error if self.radau else None
+        if self.cause:
+            return self._given_up(*self.cause)
         if came_to == dop853.FAILED:
             self.plant.raise_if_failed(max(own["answer"], self.plant["status"]), own["failed_at"])
         if came_to == dop853.SLIDES:
@@ -144,9 +173,7 @@ class ErrorControlled:
         return error or self._given_up(f"max_steps = {self.options.max_steps} steps were not enough")
 
     def _finish(self, time: Array, rows: Array, status: Status, message: str, **reports: Any) -> Trajectory:
-        self.run.steps = self.own["steps"]
-        self.run.evaluations = self.own["evaluations"] + (self.radau.evaluations if self.radau else 0)
-        return self.run.finish(time, rows, status, message, self.clock.seconds, **reports)
+        return self.run.finish(time, rows, status, message, {"wall_time": self.seconds, **self.cost}, **reports)
 
     def _check_drive(self) -> None:
         """Give up where the law drives the structure on beyond all that its strings could hold."""
@@ -158,7 +185,7 @@ class ErrorControlled:
         most = 0.5 * FAR**2 * float(structure.stiffness.sum()) * size**2
         if energy > most > 0.0:
             name, least = structure.strings[int(np.argmin(rest))].name, quantity(float(rest.min()), "m", 2)
-            raise self._given_up(
+            self.cause = (
                 f"the law drives the structure on: it moves with {quantity(energy, 'J', 2)}, and the rest length of "
                 f"string '{name}' is {least}",
                 "take a law that damps, or give strings min_rest_length or max_force_density",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,7 +16,8 @@ from tensegrity_mj.engines.accuracy.ladder import ATOL_OF_RTOL, LEAST_TOLERANCE,
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import FEWEST_STEPS, find, fixed_steps, round_off
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
-from tensegrity_mj.engines.reference import adaptive, equations, integration
+from tensegrity_mj.engines.reference import equations, integration
+from tensegrity_mj.engines.reference.ensemble import IntegratedEnsemble, integrate
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Accelerations, ReadyRun, Request
 from tensegrity_mj.errors import OptionError
@@ -133,14 +134,13 @@ class ReferenceEngine:
             )
         )
 
+    def ensemble(self, requests: Sequence[Request], threads: int) -> IntegratedEnsemble:
+        """Many runs on threads, for `simulate_many`."""
+        return IntegratedEnsemble(self, requests, threads)
+
     def run(self, request: Request) -> Trajectory:
         """Simulate."""
         return self.prepare(request).run()
-
-
-def integrate(run: integration.IntegratedRun) -> Trajectory:
-    """The whole run: fixed steps of RK4, or a method that controls its error."""
-    return run.fixed_steps() if run.options.method is Method.RK4 else adaptive.ErrorControlled(run).integrate()
 
 
 GROWTH = {Method.DOP853: 1 / 8, Method.RADAU: 1 / 5}  # of the cost, in powers of 1 / tolerance

@@ -11,14 +11,16 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native import resolution, slack
 from tensegrity_mj.dynamics.native.actuation import remember, start_ledger
-from tensegrity_mj.dynamics.native.compiling import CFunction, njit
+from tensegrity_mj.dynamics.native.compiling import CFunction, c_function
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
+from tensegrity_mj.dynamics.native.pointers import borrowing, copy
 from tensegrity_mj.dynamics.native.resolution import resolve_start
+from tensegrity_mj.dynamics.native.views import Table, changing_view, fields_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.continuing import saved_state
-from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
+from tensegrity_mj.engines.driving import Grid, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
@@ -88,7 +90,6 @@ class IntegratedRun:
         self.width = plant["row_width"] + len(self.multipliers)
         if request.start is not None:
             request.start.put_back(plant, y=self.y)
-        self.evaluations = self.steps = self.first = 0
 
     def rates_at(self, time: float, y: Array, rest_lengths: Array | None) -> Array:
         """dy/dt at one state, without a step; rest lengths (M,) [m] instead of the structure's where no law sets them.
@@ -111,7 +112,7 @@ class IntegratedRun:
         return out
 
     def finish(
-        self, time: Array, rows: Array, status: Status, message: str, seconds: float, **reports: Any
+        self, time: Array, rows: Array, status: Status, message: str, cost: dict[str, float], **reports: Any
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
         width = self.plant["row_width"]
@@ -123,7 +124,6 @@ class IntegratedRun:
             }
         constraint_forces = rows[:, rows.shape[1] - len(self.request.scene.structure.constraints) :].copy()
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
-        cost = {"wall_time": seconds, "steps": self.steps - self.first, "evaluations": self.evaluations}
         return make_trajectory(
             self.request,
             self.options,
@@ -134,89 +134,125 @@ class IntegratedRun:
             Account(status, message, cost, {"name": self.name, **options}, reports, constraint_forces),
         )
 
-    def fixed_steps(self) -> Trajectory:
-        """Classical Runge-Kutta."""
-        step = self.options.timestep
-        assert step is not None
-        grid = Grid.of(self.request, step)
-        times = grid.times
-        self.first, rows = grid.first, allocate_rows(len(times), self.width)
-        grid.describe(self.plant, rows)
-        self.plant["total"] += 1  # the state is kept before the last row is seen to
-        search = slack.search_of(self.plant["string_count"], self.plant["curved"])
-        self.plant["search"] = search if self.options.locate_slack else 0
-        remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
-        rk4_steps(self.table, self.y, 0, 0)  # compiles
-        self.plant["resolution_kind"] = resolution.STAGES
-        clock, status = Stopwatch(self.request), SOLVED
 
-        def recorded(time: Array, how: Status, message: str) -> Trajectory:
-            return self.finish(time, rows[: len(time)], how, message, clock.seconds)
+STEPPER = fields_of(  # a run in fixed steps
+    table="size",  # address of its plant's
+    steps="state",  # number of the step that is reached
+    evaluations="state",
+    y=("f8", "size"),  # the state: always one that the model can hold, that of the step reached
+    room=("f8", len(Room._fields), "size"),
+)
+Stepper = changing_view("Stepper", STEPPER)
 
-        def before(time: float) -> Array:
-            return times[: max(1, int(np.searchsorted(times, time - 0.5 * step)))]
+
+class FixedSteps:
+    """One run with classical Runge-Kutta.
+
+    Attributes:
+        times: (T,) [s] of the rows.
+        rows: recorded so far.
+        status: answer of law and model where it is.
+        lost: whether its state is no longer finite.
+    """
+
+    def __init__(self, run: IntegratedRun) -> None:
+        self.run, self.request, self.plant, self.step = run, run.request, run.plant, run.options.timestep
+        self.grid = grid = Grid.of(run.request, self.step)
+        self.times, self.rows = grid.times, allocate_rows(len(grid.times), run.width)
+        plant = self.plant
+        grid.describe(plant, self.rows)
+        plant["total"] += 1  # the state is kept before the last row is seen to
+        search = slack.search_of(plant["string_count"], plant["curved"])
+        plant["search"] = search if run.options.locate_slack else 0
+        plant["resolution_kind"] = resolution.STAGES
+        self.own = Table("stepper", STEPPER)
+        self.own.set(table=run.table, y=run.y, room=np.empty((len(Room._fields), len(run.y))))
+        self.own["steps"] = grid.first
+        self.end: dict[str, Any] = {}
+        self.status, self.lost = SOLVED, False
+        self._remedy = f"reduce the time step (h = {self.step:g} s), or use Method.RADAU where strings are stiff"
+        _ = rk4_steps.address  # compiles
+
+    def go(self) -> None:
+        """Take the steps, up to where the run ends; see `conclude` for what becomes of it."""
+        run, own, grid = self.run, self.own, self.grid
 
         def advance(first: int, count: int) -> int:
-            nonlocal status
-            self.steps, status, evaluations = rk4_steps(self.table, self.y, grid.first + first, count)
-            self.evaluations += evaluations
-            if status == SOLVED and not np.all(np.isfinite(self.y)):
-                time = self.steps * step
-                partial = recorded(before(time), Status.DIVERGED, "")
-                check_energy(partial, remedy)
-                text = f"diverged by t = {time:.6g} s: the state is no longer finite; {remedy}"
-                raise DivergenceError(text, time, partial)
-            return self.steps - grid.first
+            self.status = rk4_steps(own.address, grid.first + first, count)
+            self.lost = self.status == SOLVED and not np.isfinite(run.y).all()
+            return first if self.lost else own["steps"] - grid.first
 
-        if drive(grid, self.request, f"{self.name} RK4", advance):
-            end = {} if self.options.locate_slack else {"end": saved_state(self.options, self.plant, y=self.y)}
+        if drive(grid, self.request, f"{run.name} RK4", advance):
+            if not run.options.locate_slack:
+                self.end = {"end": saved_state(run.options, self.plant, y=run.y)}
             self.plant["total"] -= 1
-            self.steps, status, _ = rk4_steps(self.table, self.y, self.steps, 0)
-        if status == SOLVED:
-            self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
-            run = recorded(times, Status.COMPLETED, "")
-            check_energy(run, remedy)
-            run.provenance.update(end)
-            return run
-        time = self.steps * step
-        recorded_times = np.concatenate([times[times < time - 0.5 * step], [time]])
-        if status == SINGULAR:
-            message = self.equations.explain_singular(time)
-            rates(time, self.y, np.empty(len(self.y)), self.table)
-            observe(self.y, self.table, rows[len(recorded_times) - 1])
-            run = recorded(recorded_times, Status.SINGULAR, message)
-            check_energy(run, remedy)
-            return run
-        partial = recorded(before(time), Status.DIVERGED, "diverged")
+            self.status = rk4_steps(own.address, own["steps"], 0)
+
+    @property
+    def cost(self) -> dict[str, int]:
+        """Steps and evaluations so far."""
+        return {"steps": self.own["steps"] - self.grid.first, "evaluations": self.own["evaluations"]}
+
+    @property
+    def ended_early(self) -> float | None:
+        """The time [s] at which it ended before its time, or None."""
+        return float(self.own["steps"] * self.step) if self.lost or self.status != SOLVED else None
+
+    def conclude(self, seconds: float) -> Trajectory:
+        """Return the run's trajectory, or raise the error that it ended with."""
+        run, plant, times, rows, remedy = self.run, self.plant, self.times, self.rows, self._remedy
+        time, cost = self.own["steps"] * self.step, {"wall_time": seconds, **self.cost}
+
+        def recorded(time: Array, how: Status, message: str) -> Trajectory:
+            return run.finish(time, rows[: len(time)], how, message, cost)
+
+        if self.status == SOLVED and not self.lost:
+            plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
+            found = recorded(times, Status.COMPLETED, "")
+            check_energy(found, remedy)
+            found.provenance.update(self.end)
+            return found
+        recorded_times = np.concatenate([times[times < time - 0.5 * self.step], [time]])
+        if self.status == SINGULAR:
+            message = run.equations.explain_singular(time)
+            rates(time, run.y, np.empty(len(run.y)), run.table)
+            observe(run.y, run.table, rows[len(recorded_times) - 1])
+            found = recorded(recorded_times, Status.SINGULAR, message)
+            check_energy(found, remedy)
+            return found
+        before = times[: max(1, int(np.searchsorted(times, time - 0.5 * self.step)))]
+        partial = recorded(before, Status.DIVERGED, "" if self.lost else "diverged")
+        if self.lost:
+            check_energy(partial, remedy)
+            text = f"diverged by t = {time:.6g} s: the state is no longer finite; {remedy}"
+            raise DivergenceError(text, time, partial)
         try:
-            self.plant.raise_if_failed(status, time)
+            plant.raise_if_failed(self.status, time)
         except TensegrityError:
-            blame_divergence(partial, self.plant, time, remedy)
+            blame_divergence(partial, plant, time, remedy)
             raise
-        blame_divergence(partial, self.plant, time, remedy)
-        return recorded(recorded_times, Status.INFEASIBLE, self.plant.infeasible_message(time))
+        blame_divergence(partial, plant, time, remedy)
+        return recorded(recorded_times, Status.INFEASIBLE, plant.infeasible_message(time))
 
 
-@njit
-def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int]:
-    """`count` classical Runge-Kutta steps from number `first`; returns (step reached, status, evaluations).
+@c_function("int64(int64, int64, int64)", "runs in fixed steps")
+def rk4_steps(own_at, first, count):  # type: ignore[no-untyped-def]
+    """`count` classical Runge-Kutta steps from number `first` of the run whose table is at an address; its status."""
+    return _steps(Stepper(own_at), first, count)
 
-    Args:
-        table: of the plant, with the grid of steps and the rows.
-        y: the state, which is advanced.
-        first, count: number of the first step, and how many to take.
 
-    y is always a state that the model can hold: that of the step returned.
-    """
-    model, size, evaluations = ModelView(table), len(y), 0
+@borrowing
+def _steps(own: Any, first: int, count: int) -> int:
+    table, y, k = own.table, own.y, own.room
+    model = ModelView(table)
     h, total, stride, ratio, rows = model.step, model.total, model.stride, model.ratio, model.rows
-    k = np.empty((8, size))
     room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
     known, answer = False, SOLVED  # whether k_end is dy/dt here, and what was answered
     begin = model.first_step
     row = (first - begin + stride - 1) // stride
     stop = first + count
     for n in range(first, stop + 1 if stop == total else stop):
+        own.steps = n
         t, last = n * h, n == total
         status = SOLVED
         broke = break_due_strings(t, y, table)
@@ -226,10 +262,10 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
                 start_ledger(table)
         model.arrived = model.yielding
         if known and not broke and not last and not model.yielding:
-            room.k1[:] = room.k_end
+            copy(room.k_end, room.k1)
         else:
             answer = rates(t, y, room.k1, table)
-            evaluations += not last
+            own.evaluations += not last
         if answer > NO_SOLUTION:
             status = answer
         watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else answer == SOLVED)
@@ -242,23 +278,24 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
                 remember(table)
         if status > NO_SOLUTION or (status == NO_SOLUTION and not model.passive) or (model.status != 0 and not last):
             observe(y, table, rows[row])
-            return n, max(status, model.status), evaluations
+            return max(status, model.status)
         if (n - begin) % stride == 0 or last:
             observe(y, table, rows[row])
             row += 1
         if last:
-            return n, SOLVED, evaluations
+            return SOLVED
         if model.search:
             worst, took, known, answer = located_step(table, n, h, y, room)
-            evaluations += took
+            own.evaluations += took
         else:
             worst = rk4_stages(table, t, h, y, room, room.x)
-            evaluations += 3
+            own.evaluations += 3
             if worst <= NO_SOLUTION:
                 project(room.x, table)
         if worst <= NO_SOLUTION:
             worst = guard(room.x, table)
         if worst > NO_SOLUTION:
-            return n, worst, evaluations
-        y[:] = room.x
-    return stop, SOLVED, evaluations
+            return worst
+        copy(room.x, y)
+        own.steps = n + 1
+    return SOLVED

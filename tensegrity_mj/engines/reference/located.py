@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.dynamics.native.pointers import copy
 from tensegrity_mj.dynamics.native.resolution import NONE, resolve_stage, resolve_start
 from tensegrity_mj.dynamics.native.slack import (
     JUMP_WITHIN,
@@ -107,7 +108,7 @@ def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple
         return worst, 3, False, SOLVED
     search, continuous = model.search, model.ratio == 0
     x, z = room.x, room.z
-    z[:] = y
+    copy(y, z)
     left, evaluations = h, 0
     for split in range(MOST_SPLITS + 1):
         look_at_start(table, search, split == MOST_SPLITS)
@@ -135,10 +136,10 @@ def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple
             return worst, evaluations, False, SOLVED
         t += part * left
         left = end - t
-        z[:] = room.found
+        copy(room.found, z)
         project(z, table)
         if left <= JUMP_WITHIN * h:
-            x[:] = z
+            copy(z, x)
             return worst, evaluations, False, SOLVED
         model.arrived = model.yielding
         worst = rates(t, z, room.k1, table)
