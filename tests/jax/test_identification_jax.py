@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_differences_and_intervals_cover_the_truth() ->
     assert np.all(np.abs(ours - theirs).max(axis=0) < 1e-5 * np.abs(theirs).max(axis=0))
 
     # The same series, so that what is compiled serves all.
-    found = [fit(Problem(by_jax, unknowns, with_noise(clean, seed)), FitOptions()) for seed in range(20)]
+    found = [fit(Problem(by_jax, unknowns, with_noise(clean, seed)), FitOptions()) for seed in range(6)]
     assert all(one["converged"] for one in found)
     check_coverage(found, truth)
 
@@ -155,7 +155,7 @@ def test_ctrl_c_waits_until_the_derivatives_are_compiled(
     monkeypatch.setattr(program, "compiled", interrupted)
     monkeypatch.setattr(program, "QUIET", 0.0)
     with pytest.raises(KeyboardInterrupt, match="nothing is kept"):
-        identify(scene, run, ["structure.strings.damping"], tmj.JAX(window=2e-3))
+        identify(scene, run, ["structure.strings.damping"], tmj.JAX(method="rk4", timestep=2e-3))
     assert done
     assert "tensegrity-mj: JAX " in capsys.readouterr().err
 
