@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array, state_of
-from tensegrity_mj.basics.hints import fitted, hints_of
+from tensegrity_mj.basics.checks import checked, real_array, state_of
+from tensegrity_mj.basics.hints import hints_of, typed
 from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.controllers import quadratic_terms as shared
@@ -145,8 +145,8 @@ class QuadraticLaw(ModelLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("decay_rate", "norm", "translation", "rotation", "respect_limits"):
-            object.__setattr__(self, name, fitted(name, getattr(self, name), _HINTS[name]))
+        for name, kind in _KINDS.items():
+            object.__setattr__(self, name, checked(name, getattr(self, name), kind))
         if np.any(self.floor < 0):
             raise OptionError(f"minimum_force_density = {self.minimum_force_density!r}; every value must be >= 0 N/m")
         for string, low, high in zip(self.structure.strings, self.floor, self.limits.max_force_density, strict=True):
@@ -316,5 +316,6 @@ class QuadraticLaw(ModelLaw):
         }
 
 
-_HINTS = hints_of(QuadraticLaw)
+_PLAIN = ("decay_rate", "norm", "translation", "rotation", "respect_limits")
+_KINDS = {name: typed(hint) for name, hint in hints_of(QuadraticLaw).items() if name in _PLAIN}
 _equilibria = Remembered()  # by structure, of target nodes and gravity

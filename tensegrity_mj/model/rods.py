@@ -167,12 +167,13 @@ def string_forces(structure: Structure, nodes: Array, tensions: Array) -> Array:
     """Forces of the strings on the nodes [N], (..., N, 3), for tensions (..., M)."""
     paths = structure.paths
     s = paths.spans(nodes)
-    pull = np.moveaxis(s * (tensions[..., paths.strings] / norm(s))[..., None], -2, 0).copy()
+    before = range(s.ndim - 2)
+    pull = (s * (tensions[..., paths.strings] / norm(s))[..., None]).transpose(-2, *before, -1).copy()
     forces = np.zeros((len(structure.nodes), *pull.shape[1:]))
     for (i, j), one in zip(paths.nodes.tolist(), pull, strict=True):
         forces[i] += one
         forces[j] -= one
-    return np.ascontiguousarray(np.moveaxis(forces, 0, -2))
+    return np.ascontiguousarray(forces.transpose(*(n + 1 for n in before), 0, -1))
 
 
 def multipliers(

@@ -32,10 +32,13 @@ def check_scene(scene: Scene) -> None:
             check_node_array(structure, what, value)
     check_motions(scene)
     start = {motion.support: motion.at(float(scene.start_time)) for motion in scene.motions}
-    check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
+    given = scene.nodes0 is not structure.positions  # which fit the structure that they are of
+    if given:
+        check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
     rates = {name: d[1] for name, d in start.items()}
     check_velocities(structure, scene.nodes0, scene.velocities0, rates, "initial_velocities")
-    _check_no_vanishing_string(scene)
+    if given:
+        _check_no_vanishing_string(scene)
     _check_loads(scene)
     _check_breaks(scene)
     if scene.contact is not None:
@@ -130,8 +133,6 @@ def check_configuration(
 
     Supports in `moved` (rod or fixed node -> displacement (3,) [m]) are that far from where the structure has them.
     """
-    if nodes is structure.positions and not moved:
-        return  # which they keep by being its reference
     limit, moved = CONSTRAINT_TOLERANCE * size_of(structure), moved or {}
     for name in structure.fixed_nodes:
         row = structure.node_index[name]

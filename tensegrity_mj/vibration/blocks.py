@@ -140,6 +140,8 @@ class Blocks:
 
     def row_sums(self, bodies: int) -> float:
         """The largest sum of absolute values along a row of a matrix of that many bodies: a bound on eigenvalues."""
+        if not len(self.rows):
+            return 0.0
         sums = np.zeros((bodies + 1, self.values.shape[-1]))
         np.add.at(sums, self.rows, np.abs(self.values).sum(axis=2))
         return float(sums[:bodies].max(initial=0.0))

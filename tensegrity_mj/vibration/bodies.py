@@ -57,8 +57,8 @@ class Bodies:
         length = structure.rod_lengths
         f, J = np.zeros(B), np.ones(B)
         f[:R], J[:R] = inertia_of_rods(structure)
-        mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.lone_masses]])
-        mass = np.concatenate([mass, [frame.masses.sum() for frame in frames]])
+        more = [*(point.mass for point in structure.lone_masses), *(frame.masses.sum() for frame in frames)]
+        mass = np.concatenate([structure.rod_masses, more])
         ends = np.stack([-sigma * length, (1 - sigma) * length], axis=1)
         forest = spanning_forest(structure)
         for rod in forest.order[::-1]:  # so that the first one stays

@@ -22,15 +22,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.dynamics.native.plant import Plant
 
 LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its square
-_WRITTEN = (
-    "nodes",
-    "velocities",
-    "segment_lengths",
-    "lengths",
-    "rates",
-    "command",
-    "report",
-)  # by the law's evaluation
+# By the law's evaluation.
+_WRITTEN = ("nodes", "velocities", "segment_lengths", "lengths", "rates", "command", "report")
 _WAYS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])  # ahead and behind, of nodes and of velocities
 
 

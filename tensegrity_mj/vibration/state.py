@@ -54,13 +54,8 @@ def bending_blocks(scene: Scene, turns: Array) -> list[Blocks]:
     if not len(rods):
         return []
     parts = (signs[:, 0, None, None] * turns[rods[:, 0]], -signs[:, 1, None, None] * turns[rods[:, 1]])
-    values, rows, columns = [], [], []
-    for p in range(2):
-        for q in range(2):
-            values.append(np.swapaxes(parts[p], 1, 2) @ parts[q])
-            rows.append(rods[:, p])
-            columns.append(rods[:, q])
-    bent = Blocks(np.concatenate(values), np.concatenate(rows), np.concatenate(columns))
+    values = np.concatenate([np.swapaxes(one, 1, 2) @ other for one in parts for other in parts])
+    bent = Blocks(values, rods[:, [0, 0, 1, 1]].T.ravel(), rods[:, [0, 1, 0, 1]].T.ravel())
     return [bent.times(bending.stiffness), bent.times(bending.damping)]
 
 
@@ -216,15 +211,13 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     bodies, motion, joints, structure = state.bodies, state.motion, state.joints, state.scene.structure
     R, B = len(bodies.length), len(bodies.mass)
     forces, sizes = forces_on_nodes(state, pulls)
-    first, second = structure.rod_nodes.T
     driven = _driven(state)
     weight = np.array(state.scene.gravity) - driven  # (B, 3) felt by what moves with its support
 
     # Forces on the ends of each rod: those on a node go to the first body there.
-    at_ends = np.zeros((R, 2, 3))
-    for end, rows in enumerate((first, second)):
-        own = bodies.body[rows] == np.arange(R)
-        at_ends[own, end] = forces[rows[own]]
+    pairs = structure.rod_nodes
+    own = (bodies.body[pairs] == np.arange(R)[:, None])[:, :, None]
+    at_ends = np.where(own, forces[pairs], 0.0)
     b_rate = _turning_rates(state)
     turning = dot(b_rate, b_rate)
 
@@ -239,9 +232,7 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     if joints is not None:
         carried, row_forces = joints.forces(acceleration.ravel(), _joint_bias(state, driven, turning))
         held = (row_forces @ structure.constraint_rows).reshape(-1, 3)
-        for end, rows in enumerate((first, second)):
-            own = bodies.body[rows] == np.arange(R)
-            at_ends[own, end] += held[rows[own]]
+        at_ends += np.where(own, held[pairs], 0.0)
         acceleration += (row_forces @ joints.linear).reshape(B, -1)
         for side, sign in ((0, 1.0), (1, -1.0)):
             rods, ends = joints.pairs[:, side], bodies.joint_ends[:, side]
