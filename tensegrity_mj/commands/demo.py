@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj import engines, model, runs
+from tensegrity_mj import controllers, engines, model, pictures, runs, simulation
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
@@ -85,13 +85,11 @@ def _report(text: str) -> None:
 
 def _simulated(scene: model.Scene) -> tuple[runs.Trajectory, dict[float, runs.Trajectory]]:
     """The run of the DAE, and those of MuJoCo by their time steps [s]."""
-    from tensegrity_mj.controllers.scenes import from_scene
-    from tensegrity_mj.simulation import simulate
-
-    law = from_scene(scene)
-    reference = simulate(scene, law, engines.DAE(rtol=RTOL, atol=ATOL), progress=True)
+    law = controllers.from_scene(scene)
+    reference = simulation.simulate(scene, law, engines.DAE(rtol=RTOL, atol=ATOL), progress=True)
     found = {
-        step: simulate(scene, law, engines.MuJoCo(step, engines.Integrator.RK4), progress=True) for step in TIMESTEPS
+        step: simulation.simulate(scene, law, engines.MuJoCo(step, engines.Integrator.RK4), progress=True)
+        for step in TIMESTEPS
     }
     for run in (reference, *found.values()):
         if run.status is not runs.Status.COMPLETED:
@@ -106,15 +104,13 @@ def _drawn(
     _report("2/4 Plotting")
     import mediapy  # noqa: F401  (brings IPython, which matplotlib looks at: not in two threads at once)
 
-    from tensegrity_mj.pictures import plots
-
-    pictures = {what: folder / f"{name}-{what}.png" for what in PLOTS}
-    files = {f"plot of the {what}": path for what, path in pictures.items()}
+    plots = {what: folder / f"{name}-{what}.png" for what in PLOTS}
+    files = {f"plot of the {what}": path for what, path in plots.items()}
 
     def plot() -> None:
-        plots.plot_run(both, pictures["runs"])
-        plots.plot_paths(both, pictures["paths"])
-        plots.plot_comparison(comparison, pictures["differences"], runs=both)
+        pictures.plots.plot_run(both, plots["runs"])
+        pictures.plots.plot_paths(both, plots["paths"])
+        pictures.plots.plot_comparison(comparison, plots["differences"], runs=both)
 
     # In parallel with the film, most of whose time passes in OpenGL and in ffmpeg.
     with ThreadPoolExecutor(1) as pool:
@@ -122,9 +118,7 @@ def _drawn(
         _report("3/4 Filming")
         video, no_video = folder / f"{name}.mp4", ""
         try:
-            from tensegrity_mj.pictures.video import render
-
-            files["video"] = render(both[0], video, other=both[1], progress=True)
+            files["video"] = pictures.render(both[0], video, other=both[1], progress=True)
         except MissingLibraryError as error:
             no_video = f"No video: {error}"
             _report(no_video)

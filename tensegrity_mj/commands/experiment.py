@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from tensegrity_mj import model, runs
+from tensegrity_mj import controllers, model, runs, simulation
 from tensegrity_mj.basics.seconds import Rounded
 from tensegrity_mj.commands.common import SHARED, refuse, seconds, whole
 from tensegrity_mj.controllers.table import LAWS
@@ -39,8 +39,6 @@ def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
     Raises:
         OptionError: law options for a scene without a law, or a law without a target.
     """
-    from tensegrity_mj.controllers.scenes import from_scene
-
     overrides = law_options_of(options)
     if (norm := getattr(options, "norm", None)) is not None:
         overrides["norm"] = NORMS[norm]
@@ -53,7 +51,7 @@ def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
     if scene.control is None and options.law is None:
         refuse(options, names, f"needs a control law, and scene '{scene.name}' has none: add --law {' or '.join(LAWS)}")
         return None
-    return from_scene(scene, options.law, **overrides)
+    return controllers.from_scene(scene, options.law, **overrides)
 
 
 def law_options_of(options: argparse.Namespace) -> dict[str, Any]:
@@ -103,10 +101,9 @@ def simulated(
     output_interval: float | None = None,
 ) -> runs.Trajectory:
     """Simulate with a progress bar; its warnings get their causes."""
-    from tensegrity_mj.simulation import simulate
     from tensegrity_mj.vibration.step_warnings import explain_warnings
 
-    run = simulate(
+    run = simulation.simulate(
         scene,
         law,
         engine,

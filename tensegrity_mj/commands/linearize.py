@@ -5,17 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj import runs
+from tensegrity_mj import linearization, runs
 from tensegrity_mj.commands.common import Outcome, number, refuse, table
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
-
-if TYPE_CHECKING:
-    from tensegrity_mj.linearization.model import Linearization
 
 MOST_LINES = 20
 MANY_JOINED = 50  # rods: at 121 MuJoCo takes 118 s, the DAE 7 s
@@ -27,7 +24,6 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("law-option",), "needs --law, or --closed-loop for the scene's law")
 
     from tensegrity_mj.dynamics.native.law import Command
-    from tensegrity_mj.linearization.linearizing import linearize
 
     scene = library.load_scene(options.scene)
     if options.closed_loop and (options.law == "none" or (options.law is None and scene.control is None)):
@@ -39,7 +35,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.engine == "mujoco" and len(scene.structure.rods) >= MANY_JOINED and scene.structure.clusters:
         text = f"MuJoCo differentiates {len(scene.structure.rods)} rods that share nodes column by column, slowly"
         print(f"note: {text}; --engine dae gives the same model in a fraction of the time", file=sys.stderr)
-    model = linearize(
+    model = linearization.linearize(
         scene,
         engine_class(options.engine)(),
         law=law,
@@ -52,7 +48,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, describe(model) + (f"\nwritten  {out}" if out else ""))
 
 
-def describe(model: Linearization) -> str:
+def describe(model: linearization.Linearization) -> str:
     largest = float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
     rows = [
         ("engine", model.engine),

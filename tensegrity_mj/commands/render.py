@@ -43,8 +43,6 @@ def execute(options: argparse.Namespace) -> Outcome:
         page.save(out)
         return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")
 
-    from tensegrity_mj.pictures.video import render
-
     shown = [runs.Trajectory.load(path) for path in options.runs]
     experiment.require_off_screen_opengl()
     other = shown[1] if len(shown) > 1 else None
@@ -53,7 +51,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         pictures.still(shown[0], out, options.still, dpi=options.dpi or 300.0, other=other, **film)
         return Outcome({"status": "ok", "out": out, "time": options.still}, str(out))
     film = USUAL | film
-    render(shown[0], out, other=other, layout=pictures.Layout(options.layout or "overlay"), progress=True, **film)
+    layout = pictures.Layout(options.layout or "overlay")
+    pictures.render(shown[0], out, other=other, layout=layout, progress=True, **film)
     duration = float(max(run.time[-1] for run in shown)) / film["speed"]
     return Outcome(
         {"status": "ok", "out": out, "size": film["size"], "fps": film["fps"], "duration": duration}, str(out)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import tensegrity_mj.library as library
-from tensegrity_mj import model, pictures, runs
+from tensegrity_mj import controllers, model, pictures, runs
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.commands.common import table
@@ -70,9 +70,7 @@ def execute(options: argparse.Namespace) -> common.Outcome:
         with common.for_paper(options.paper):
             pictures.plots.plot_run(run, plot)
     if video:
-        from tensegrity_mj.pictures.video import render
-
-        render(run, video, progress=True, **film_of(options))
+        pictures.render(run, video, progress=True, **film_of(options))
     if web:
         pictures.make_web_page(run).save(web)
     if options.view and len(run.time):
@@ -173,7 +171,6 @@ def _flow(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float | None]:
     """Law, actuation and duration of a recorded run, unless options say otherwise."""
-    from tensegrity_mj.controllers.replay import Replay
     from tensegrity_mj.dynamics.native.law import Command
     from tensegrity_mj.model.actuation import Mode
 
@@ -183,7 +180,7 @@ def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float
             f"--replay {options.replay}: it holds {len(recorded.time)} samples; a replay needs two or more"
         )
     quantity = Command.FORCE_DENSITY if options.replay_quantity == "force-density" else Command.REST_LENGTH
-    law = Replay.of_run(recorded, quantity)
+    law = controllers.Replay.of_run(recorded, quantity)
     actuation = experiment.actuation_of(options)
     if law.held and options.actuation is None:
         was = recorded.provenance["actuation"]

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import tensegrity_mj.library as library
-from tensegrity_mj import model, runs, statics
+from tensegrity_mj import model, pictures, runs, statics
 from tensegrity_mj.basics.files import checked
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import ExitCode, Outcome, distinct, finite, positive, table, whole
@@ -64,11 +64,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         sized_scene = scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None)
         model.save_scene(sized_scene, sized)
     if video is not None and study.modes is not None:
-        from tensegrity_mj.pictures.video import render
-
         motion = statics.mode_trajectory(study.modes, mode - 1)
         speed = float(motion.time[-1]) / 2 / SECONDS
-        render(motion, video, speed=speed, traces=False, target=False, progress=True)
+        pictures.render(motion, video, speed=speed, traces=False, target=False, progress=True)
     written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
     lines = table([("written", str(path)) for path in written])
     files = {"out": folder, "saved_scene": saved, "saved_sized": sized, "mode_video": video}

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj import studies
+from tensegrity_mj import controllers, studies
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import Outcome, table
 from tensegrity_mj.errors import OptionError
@@ -34,7 +34,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     place = "cluster" if options.cluster is not None else (options.backend or "processes").replace("-", " ")
     workers = studies.Workers(options.workers, studies.Backend(place), options.cluster)
 
-    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.page import judgement_of
     from tensegrity_mj.studies.sweep import USUAL, check_measures, counts, rows_of
 
@@ -46,7 +45,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         samples=1 if options.samples is None else options.samples,
         seed=options.seed,
         fixed=fixed,
-        law=options.law or SCENE_LAW,
+        law=options.law or controllers.SCENE_LAW,
         keep_trajectories=options.keep_trajectories,
     )
     study = sweep.run(options.out, workers=workers, progress=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import tensegrity_mj.library as library
+from tensegrity_mj import controllers
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.commands.experiment import law_options_of
@@ -17,7 +18,6 @@ from tensegrity_mj.errors import OptionError
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
     from tensegrity_mj.basics.fields import item_of
-    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.tradeoff.advising import sentences
     from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
     from tensegrity_mj.studies.tradeoff.page import has_diagram
@@ -34,7 +34,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     for scene, name in zip(scenes, names, strict=True):
         folder = None if options.out is None else Path(options.out) / name
         own = law_options_of(options)
-        study = tradeoff(scene, options.law or SCENE_LAW, law_options=own, folder=folder, options=chosen, progress=True)
+        law = options.law or controllers.SCENE_LAW
+        study = tradeoff(scene, law, law_options=own, folder=folder, options=chosen, progress=True)
         found.append(study.answer)
         findings = [*study.judgement.lines(), *sentences(study.data)]
         lines += [f"{scene.name}:", *(f"  {text}" for text in findings), ""]

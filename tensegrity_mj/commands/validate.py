@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tensegrity_mj import studies
+from tensegrity_mj import controllers, studies
 from tensegrity_mj.commands.common import Outcome, wrote
 from tensegrity_mj.commands.experiment import law_options_of
 
@@ -13,12 +13,11 @@ GIVEN = ("engines", "duration", "timestep", "control_period", "seed", "quick")
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
-    from tensegrity_mj.controllers.scenes import SCENE_LAW
     from tensegrity_mj.studies.validation.study import DATA, PAGE
 
     report = studies.validate(
         options.scene,
-        options.law or SCENE_LAW,
+        options.law or controllers.SCENE_LAW,
         law_options=law_options_of(options),
         folder=options.out,
         sections=options.only,

@@ -814,7 +814,7 @@ def test_options_reach_the_renderer(
     run = tmp_path / "p.nc"
     assert ask(capsys, *"run prism --timestep 1e-2 --duration 0.1 --out".split(), run)[0] == 0
     requested: dict[str, Any] = {}
-    monkeypatch.setattr("tensegrity_mj.pictures.video.render", lambda *args, **options: requested.update(options))
+    monkeypatch.setattr("tensegrity_mj.pictures.render", lambda *args, **options: requested.update(options))
     monkeypatch.setattr(experiment, "require_off_screen_opengl", lambda: None)
     words = ("render", run, run, "--out", tmp_path / "v.mp4", "--size", "640x360", "--fps", "25", "--speed", "0.5")
     assert ask(capsys, *words, "--layout", "side-by-side")[0] == 0

@@ -310,7 +310,7 @@ def test_a_mode_is_filmed_a_period_in_two_seconds(monkeypatch: pytest.MonkeyPatc
         seen.update(motion=motion, path=path, **options)
         return path
 
-    monkeypatch.setattr("tensegrity_mj.pictures.video.render", render)
+    monkeypatch.setattr("tensegrity_mj.pictures.render", render)
     monkeypatch.setattr(command.experiment, "require_off_screen_opengl", lambda: None)
     assert main(["statics", "truss_arm", "--mode-video", "2", str(tmp_path / "m.mp4")]) == 0
     frequency = tmj.statics.natural_modes(tmj.statics.find_equilibrium(tmj.load_scene("truss_arm"))).frequencies[1]
