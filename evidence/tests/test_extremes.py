@@ -147,7 +147,7 @@ def test_landings_land() -> None:
 
 def test_every_kind_has_runs_of_many_engines() -> None:
     engines = {kind: set() for kind in CHEAP}
-    for number, kind in enumerate(CHEAP * 8):
+    for number, kind in enumerate(CHEAP * 12):
         try:
             engines[kind].add(draw_setup(np.random.default_rng([1, number]), kind).engine)
         except tmj.TensegrityError:
@@ -419,7 +419,7 @@ def test_only_stops_that_the_remedy_does_not_mend_are_refusals_without_need(monk
 
 @pytest.fixture(scope="module")
 def study() -> Any:
-    return extremes(len(CHEAP), 7, kinds=CHEAP, workers=HERE)
+    return extremes(len(CHEAP), 15, kinds=CHEAP, workers=HERE)
 
 
 def test_nothing_is_undetected(study: Any) -> None:
@@ -435,7 +435,7 @@ def test_nothing_is_undetected(study: Any) -> None:
 def test_a_run_repeats_bit_by_bit_on_its_own(study: Any) -> None:
     for number in (0, 9, 16, 22):
         one = study.data["results"][number]
-        point = {"kind": one["kind"], "number": number, "seed": 7, "autoreset": False}
+        point = {"kind": one["kind"], "number": number, "seed": 15, "autoreset": False}
         again = {"number": number, **task.run_extreme(point)}
         assert json.dumps(again, sort_keys=True, default=str) == json.dumps(one, sort_keys=True, default=str)
 

@@ -38,12 +38,12 @@ CASES = {
     "motes_string_only": Case(2.0, 2e-3, 20.0, 0.5),  # √(4 k/m)
     "motes_dbar_constraint": Case(0.6, 2e-3, 25.0, 1.0),  # √(4 · 50/(1/3)); at 0.66 s the square is flat
     "motes_pendulum": Case(2.0, 2e-3, 15.0, 1.0),  # √(3 · 10 N/(1 kg m) + (10 /s)²) at most
-    "motes_x": Case(1.0, 1e-3, 200.0, 0.1),  # √(4 k/10 g), of which 10 m/s make 0.1 m
+    "motes_x": Case(0.5, 1e-3, 200.0, 0.1),  # √(4 k/10 g), of which 10 m/s make 0.1 m
     "motes_prism": Case(0.5, 5e-4, 90.0, 0.05),  # √(4 k/50 g)
     "stedy_tbar_soft": Case(0.5, 2e-4, 707.0, 7e-5),  # √(12 k/m), and how far its bars are compressed
-    "stedy_tbar_flex": Case(0.04, 4e-5, 13900.0, 8e-7),
-    "stedy_strut3": Case(0.25, 5e-5, 1600.0, 5e-4),
-    "stedy_ball_soft": Case(0.05, 5e-5, 3500.0, 2.5e-4),
+    "stedy_tbar_flex": Case(0.02, 4e-5, 13900.0, 8e-7),
+    "stedy_strut3": Case(0.125, 5e-5, 1600.0, 5e-4),
+    "stedy_ball_soft": Case(0.025, 5e-5, 3500.0, 2.5e-4),
     "stedy_plate": Case(0.04, 2e-5, 13900.0, 1e-5),
 }
 

@@ -80,7 +80,7 @@ def test_engines_agree_on_the_shipped_scenes(name: str, inputs: tmj.Command) -> 
 
 
 @pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_engines_agree_on_random_structures(seed: int, planar: bool) -> None:
     """Every support, point masses, dampers, slack strings, gravity, loads, motion, both string laws."""
     rng = np.random.default_rng([seed, planar])
@@ -200,7 +200,7 @@ def test_closed_forms_of_pendulums(engine: str, plane: tuple[float, float, float
         assert np.abs(down @ model.C[3:6]).max() < 1e-12
 
 
-@pytest.mark.parametrize("count", [13, 40])
+@pytest.mark.parametrize("count", [13, 25])
 def test_long_chains_swing_as_their_closed_form_says(count: int) -> None:
     """(3.13) and (3.14), from the lowest frequency to the highest, in both planes.
 
