@@ -14,7 +14,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.runs.judgement import combined, doubts, growth
-from tensegrity_mj.studies.validation import findings, judging, page
+from tensegrity_mj.studies.validation import findings, judging, study
 from tensegrity_mj.studies.validation.sections import Extent
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
@@ -268,11 +268,11 @@ def test_a_page_has_no_empty_panels() -> None:
     """Starts of which none is judged, and settling times of runs without a target."""
     fractions = [{"amplitude": 0.1, "converged": None}]
     starts = {"mujoco": {"rows": [{"amplitude": 0.1}], "fractions": fractions}}
-    assert not list(page.of_section("starts", {"starts": starts}))
+    assert not list(study.of_section("starts", {"starts": starts}))
     row = {"gain": "decay_rate", "settling_10": None, "peak_force_density": 3.0}
     gains = {"mujoco": {"rows": [row | {"factor": factor} for factor in (0.5, 2.0)]}}
-    (drawn,) = page.of_section("gains", {"gains": gains})
+    (drawn,) = study.of_section("gains", {"gains": gains})
     assert [panel.get_ylabel() for panel in drawn.figure.axes] == ["peak u [N/m]"]
     for one in gains["mujoco"]["rows"]:
         one["peak_force_density"] = None
-    assert not list(page.of_section("gains", {"gains": gains}))
+    assert not list(study.of_section("gains", {"gains": gains}))
