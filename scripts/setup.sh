@@ -5,6 +5,7 @@
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 venv="$root/.venv"
+compiling= # the process that compiles beside the installation
 
 say() { printf '%s\n' "$*" >&2; }
 
@@ -77,6 +78,13 @@ pip_install() { # python, then arguments of pip install
     fi
 }
 
+pinned_for() { # extra python: its requirements of one version each, a line each
+    "$2" -c 'import sys, tomllib
+with open(sys.argv[2], "rb") as file:
+    wanted = tomllib.load(file)["project"]["optional-dependencies"][sys.argv[1]]
+print(*(one for one in wanted if "==" in one), sep="\n")' "$1" "$root/pyproject.toml"
+}
+
 install_package() { # python run|docs|dev
     local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" packages=(--editable "$root[studies,allocation,fatigue,ntrt,completion]")
     local options=(--disable-pip-version-check --no-warn-conflicts)
@@ -96,11 +104,22 @@ install_package() { # python run|docs|dev
     if [ "$kind" = dev ]; then options+=(--no-compile); fi
     if ! [ -t 2 ]; then options+=(--quiet); fi # pip's own progress is for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
+    rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
+    if [ "$kind" = dev ]; then
+        # All functions are compiled beside what installs the other half, at the versions that this will ask for.
+        local pinned
+        mapfile -t pinned < <(pinned_for dev "$python")
+        pip_install "$python" "${options[@]}" --editable "$root" "${pinned[@]}" "pip>=22.3" >&2
+        see_to_compiling &
+        compiling=$!
+    fi
     # With a pip of its own, so that `.venv/bin/python -m pip install` of the guides and of `doctor` works.
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
-    pip_install "$python" "${options[@]}" "${packages[@]}" "pip>=22.3" >&2
+    if ! pip_install "$python" "${options[@]}" "${packages[@]}" "pip>=22.3" >&2; then
+        if [ -n "$compiling" ]; then kill "$compiling" 2>/dev/null || true; fi
+        exit 1
+    fi
     printf '%s' "$wanted" >"$stamp"
-    rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
     # What the tests need includes what the site needs, and that what the demo needs.
     if [ "$kind" = dev ]; then fingerprint "$python" docs >"$venv/.installed-docs"; fi
     if [ "$kind" != run ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
@@ -174,6 +193,10 @@ see_to_opengl() {
 # Else the first run of each engine would wait for it. Where no code is newer than the last time, there is nothing to do.
 see_to_compiling() {
     local done="$venv/.compiled" code=("$root/tensegrity_mj" "$root/controllers" "$root/scripts")
+    if [ -n "$compiling" ] && [ "$BASHPID" = $$ ]; then # it has begun beside the installation
+        wait "$compiling" || true
+        compiling=
+    fi
     if [ -e "$done" ] && [ -z "$(find "${code[@]}" -name '*.py' -newer "$done" -print -quit)" ]; then return; fi
     touch "$done.begun"
     if "$venv/bin/python" "$root/scripts/compile_ahead.py"; then
