@@ -109,7 +109,7 @@ install_package() { # python run|docs|dev
         # All functions are compiled beside what installs the other half, at the versions that this will ask for.
         local pinned
         mapfile -t pinned < <(pinned_for dev "$python")
-        pip_install "$python" "${options[@]}" --editable "$root" "${pinned[@]}" "pip>=22.3" >&2
+        pip_install "$python" "${options[@]}" --editable "$root" "${pinned[@]}" >&2
         see_to_compiling &
         compiling=$!
     fi

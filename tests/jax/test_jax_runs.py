@@ -16,7 +16,7 @@ from linked_scenes import hung
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import request_for
-from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
+from tensegrity_mj.errors import ControllerError, DerivativeWarning, DivergenceError, OptionError
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
@@ -131,7 +131,7 @@ def test_a_run_beyond_its_stable_step_diverges_with_the_time_and_what_was_record
     assert isinstance(error.value.trajectory, tmj.Trajectory)
 
 
-def test_strings_that_break_at_the_start_within_at_the_end_and_never() -> None:
+def test_strings_that_break_at_the_start_within_at_the_end_and_never(recwarn: pytest.WarningsRecorder) -> None:
     """The last one's time is nearer to the last step's than half a step."""
     scene = hung()
     names = [string.name for string in scene.structure.strings]
@@ -145,6 +145,7 @@ def test_strings_that_break_at_the_start_within_at_the_end_and_never() -> None:
             np.testing.assert_allclose(getattr(found, term), getattr(expected, term), atol=floor)
         np.testing.assert_array_equal(found.tensions[:, :5] == 0, expected.tensions[:, :5] == 0)
         assert found.energy_residual < floor
+    assert not [one for one in recwarn if one.category is DerivativeWarning]  # for its dampers: it takes no derivative
 
 
 def hanging(**string: Any) -> tmj.Scene:
