@@ -54,18 +54,20 @@ def main() -> None:
             if ship:
                 function.ship(kept.SHIPPED)
         if todo and not ship:
-            _run_ode()
+            _run_engines()
     if todo:
         text = f"Compiled {len(todo)} functions in {time.monotonic() - begun:.0f} s"
         print(f"\r{text:<100}" if watched else text, file=sys.stderr)
 
 
-def _run_ode() -> None:
-    """A short run of the one engine that calls numba's functions from Python, so that they are kept, too."""
+def _run_engines() -> None:
+    """Short runs of the engines that call numba's functions from Python, so that they are kept, too."""
     import tensegrity_mj as tmj
 
     scene = tmj.load_scene("prism")
-    tmj.simulate(scene, tmj.controllers.from_scene(scene), tmj.ODE(), duration=0.01)
+    law = tmj.controllers.from_scene(scene)
+    for engine in (tmj.ODE(), tmj.DAE(method="rk4", timestep=1e-3), tmj.MuJoCo(1e-3, locate_slack=True)):
+        tmj.simulate(scene, law, engine, duration=0.01)
 
 
 if __name__ == "__main__":
