@@ -67,7 +67,7 @@ def test_the_mjcf_is_current(folder: Path) -> None:
 def test_plain_mujoco_loads_and_steps_the_mjcf(folder: Path) -> None:
     scene = tmj.load_scene(folder.name)
     # As it lands, strings go slack for a moment, and by itself the model lets their dampers act.
-    steps = 400 if scene.contact is None else 200
+    steps = 200
     texts: list[str] = []
     mujoco.set_mju_user_warning(texts.append)
     try:
