@@ -11,7 +11,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, IntArray, cross, norm
 from tensegrity_mj.model.bodies import Frame
 from tensegrity_mj.model.forest import spanning_forest
-from tensegrity_mj.model.rods import inertia_of_rods
+from tensegrity_mj.model.rods import directions, inertia_of_rods
 from tensegrity_mj.model.structure import Structure
 
 SLOTS = 5  # coordinates each; one more where rods lengthen, which are elastic, and where there are rigid bodies
@@ -118,8 +118,7 @@ class Motion(NamedTuple):
 def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     """Compute the small motions of a structure's bodies about these node positions (N, 3) [m]."""
     R, B, slots = len(bodies.length), len(bodies.mass), bodies.slots
-    first, second = bodies.structure.rod_nodes.T
-    b = (nodes[second] - nodes[first]) / bodies.length[:, None]
+    b = directions(bodies.structure, nodes)
     b = b / norm(b)[:, None]
     planar = np.any(bodies.planes != 0, axis=1)
     one = cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)

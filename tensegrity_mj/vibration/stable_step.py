@@ -27,6 +27,7 @@ from tensegrity_mj.dynamics.native.law import NativeLaw, native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.capabilities import refusal
+from tensegrity_mj.model.rods import directions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.scene_checks import check_configuration
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -309,8 +310,7 @@ def _of_integrator(model: Vibration, stepping: Stepping) -> list[str]:
             "spins may spin up without bound at any step (docs/stability.md); at rest the limit holds"
         )
     if stepping.polar:
-        first, second = structure.rod_nodes.T
-        b = (model.state.nodes[second] - model.state.nodes[first]) / structure.rod_lengths[:, None]
+        b = directions(structure, model.state.nodes)
         sines = np.hypot(b[:, 0], b[:, 1])
         spatial = np.array([rod.support.plane is None for rod in structure.rods], bool)
         near = np.flatnonzero(spatial & (sines < NEAR_POLE))

@@ -23,7 +23,7 @@ from tensegrity_mj.model.elements.element import forces_of, slopes_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness, bending_joints, nodal_damping
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.rigidity import Members, members_at
-from tensegrity_mj.model.rods import Bars
+from tensegrity_mj.model.rods import Bars, directions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Assembly, Blocks, Joints, is_dense
 from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
@@ -292,8 +292,7 @@ def _turning_rates(state: State) -> Array:
     """(R, 3) [1/s] ḃ where rods share nodes; without joints velocities are left out."""
     if state.joints is None:
         return np.zeros((len(state.bodies.length), 3))
-    first, second = state.scene.structure.rod_nodes.T
-    rate = (state.velocities[second] - state.velocities[first]) / state.bodies.length[:, None]
+    rate = directions(state.scene.structure, state.velocities)
     rate = np.where(state.scene.structure.elastic[:, None], 0.0, rate)  # nothing keeps their lengths as they turn
     return np.asarray(rate - state.motion.b * np.sum(state.motion.b * rate, axis=1)[:, None])
 
