@@ -35,7 +35,7 @@ class Rung:
     Attributes:
         setting: the step [s] or the relative tolerance.
         run: None where it failed.
-        evaluations: what it cost.
+        evaluations: what it cost, in evaluations of its ladder's `weight`.
         failure: why it failed.
     """
 
@@ -69,6 +69,7 @@ class Ladder:
             method controls its error itself.
         located: whether its steps end where strings go slack or taut, so that these do not lower its order.
         aligned: whether they end at the kinks of data.
+        weight: cost of one of its evaluations, in those that the search counts.
         dead: why it is given up, or "".
     """
 
@@ -84,6 +85,7 @@ class Ladder:
     resolving: Callable[[Trajectory], float] = lambda run: math.inf
     located: bool = False
     aligned: bool = True
+    weight: float = 1.0
     rungs: list[Rung] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)
     dead: str = ""
@@ -122,9 +124,10 @@ class Ladder:
             if not isinstance(error, (DivergenceError, ControllerError)):
                 self.dead = str(error)
             partial = getattr(error, "trajectory", None)
-            rung = Rung(setting, None, partial.cost["evaluations"] if partial is not None else 0.0, error)
+            spent = partial.cost["evaluations"] if partial is not None else 0.0
+            rung = Rung(setting, None, self.weight * spent, error)
         else:
-            rung = Rung(setting, run, run.cost["evaluations"])
+            rung = Rung(setting, run, self.weight * run.cost["evaluations"])
         self.add(rung)
         return rung
 
@@ -207,14 +210,14 @@ class Ladder:
     def next(self) -> tuple[float, float]:
         """The next setting, and what its run may cost [evaluations]."""
         if not self.rungs:
-            return self.fit(max(self.first, self.least)), self.first_cost
+            return self.fit(max(self.first, self.least)), self.weight * self.first_cost
         last = self.rungs[-1]
         finer = last.setting / (HALF if self.order else TOLERANCES)
         # The coarser of two runs that are evidence may be twice as coarse as the finer.
         setting = self.fit(max(min(finer, HALF * self.longest), self.least))
         known = last if last.run is not None else next((one for one in reversed(self.rungs) if one.run), None)
         if known is None:
-            return setting, self.first_cost * (self.first / setting) ** self.growth
+            return setting, self.weight * self.first_cost * (self.first / setting) ** self.growth
         return setting, known.evaluations * (known.setting / setting) ** self.growth
 
 

@@ -5,6 +5,9 @@ method which will have cost least with it, counted in evaluations of the forces 
 same request gives the same run on every machine. Nothing but the end of this sequence depends on the accuracy: a looser
 request makes a part of the runs of a tighter one. The finest run is returned; its error is estimated from its
 difference to coarser runs of the same method over the whole time.
+
+Where another engine computes the same motion at a fraction of the cost, its runs are refined instead, and one run of
+the engine itself is compared with the finest of them (`_certify`).
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.runs.convergence import ROUND_OFF, pieces_along
+from tensegrity_mj.runs.convergence import LEAST_ORDER, ROUND_OFF, Estimate, node_difference, pieces_along
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 COARSEST = 0.1  # s; steps are begun with here, where nothing requires less
@@ -116,6 +119,7 @@ def fixed_steps(
     request: Request,
     make: Callable[[float, Request], Trajectory],
     located: bool = False,
+    weight: float = 1.0,
 ) -> Ladder:
     """The ladder of a method of fixed steps.
 
@@ -127,6 +131,7 @@ def fixed_steps(
         request: of the run.
         make: the run with a step [s].
         located: whether steps are split where strings go slack or taut.
+        weight: see `Ladder`.
     """
     steps = Steps.of(request, ROOM * HALF * resolving(start))
 
@@ -147,6 +152,7 @@ def fixed_steps(
         resolving=lambda run: resolving(rates_along(run, request)),
         located=located,
         aligned=steps.aligned,
+        weight=weight,
     )
 
 
@@ -184,14 +190,24 @@ def round_off(request: Request) -> float:
     return ROUND_OFF * float(np.max(np.abs(request.scene.nodes0), initial=1e-300))
 
 
-def find(accuracy: float, ladders: Sequence[Ladder], request: Request) -> Trajectory:
+def find(
+    accuracy: float, ladders: Sequence[Ladder], request: Request, reference: Ladder | None = None
+) -> Trajectory:
     """The run that has the accuracy, or the best that could be made, with what it says about itself.
+
+    Args:
+        accuracy: [m].
+        ladders: of the methods.
+        request: of the run.
+        reference: of another engine, with the steps of the first of them, whose run it is to certify (`_certify`).
 
     Raises:
         OptionError: where the coarsest run that shows anything would take too many evaluations.
         TensegrityError: what every method's finest run raised, where none could be made.
     """
     tried: list[tuple[Ladder, Rung]] = []
+    if reference is not None and (certified := _certify(accuracy, reference, ladders[0], tried)) is not None:
+        return _reported(accuracy, ladders[0], certified, tried, certified.reason)
     reason = ""
     found: Ladder | None = None
     while found is None:
@@ -229,7 +245,65 @@ def find(accuracy: float, ladders: Sequence[Ladder], request: Request) -> Trajec
             found = ladder
         elif ladder.exhausted:
             ladder.dead = f"{estimate.reason}, and finer steps would not lessen it"
-    return _reported(accuracy, found or _best(ladders, tried, request), tried, reason)
+    found = found or _best(ladders, tried, request)
+    return _reported(accuracy, found, found.estimate, tried, reason or found.dead)
+
+
+PART = 0.5  # of a request, that differences of the reference may be
+APART = 2  # times in a row that a distance from the reference does not fall, until it is what the engines differ by
+
+
+def _certify(accuracy: float, reference: Ladder, ladder: Ladder, tried: list[tuple[Ladder, Rung]]) -> Estimate | None:
+    """Refine the reference until three runs, of steps h, h / 2 and h / 4, differ by `PART` of the request at most, and
+    compare one run of step h with the last of them; with half the step, where they are too far apart.
+
+    The steps h do not exceed twice those that resolve the motion along the reference's runs.
+
+    Args:
+        accuracy: [m].
+        reference: by another engine.
+        ladder: of the method to be certified, with the same steps.
+        tried: what was run, added to.
+
+    Returns:
+        Estimate of the error of the ladder's finest run: within the request, or beyond it where the two engines stay
+        apart. None where the reference cannot tell: its runs stop early, do not settle, or take too long.
+    """
+    last, apart = math.inf, 0
+    while not reference.dead and not ladder.dead:
+        setting, cost = reference.next()
+        if reference.spent + cost + ladder.spent > MOST_EVALUATIONS:
+            break
+        run = reference.climb(setting).run
+        tried.append((reference, reference.rungs[-1]))
+        if run is None:
+            continue
+        sound, recent = reference.estimate, reference.differences[-2:]
+        if run.status is not Status.COMPLETED or (reference.exhausted and max(recent) > PART * accuracy):
+            break
+        if len(recent) < 2 or sound is None or max(sound.value, max(recent) / PART) > accuracy:
+            continue
+        step = reference.good[-3].setting
+        if step > HALF * reference.longest * (1 + AS_ONE):
+            continue
+        made = ladder.climb(step).run
+        tried.append((ladder, ladder.rungs[-1]))
+        if made is None:
+            continue
+        away = node_difference(made, run)
+        found = Estimate(
+            away + sound.value,
+            math.isfinite(away),
+            f"it is {away:.2g} m from the finest run of {reference.name}, whose last three differ by {recent[0]:.2g} m "
+            f"and {recent[1]:.2g} m",
+        )
+        if found.value <= accuracy:
+            return replace(found, reason=f"certified by {reference.name}: {found.reason}")
+        apart = 0 if away <= PART * accuracy or away < last * 2**-LEAST_ORDER else apart + 1
+        last = away
+        if apart == APART:
+            return replace(found, reason=f"refuted by {reference.name}: {found.reason}, and finer steps come no nearer")
+    return None
 
 
 def _best(ladders: Sequence[Ladder], tried: Sequence[tuple[Ladder, Rung]], request: Request) -> Ladder:
@@ -252,17 +326,19 @@ def _best(ladders: Sequence[Ladder], tried: Sequence[tuple[Ladder, Rung]], reque
     )
 
 
-def _reported(accuracy: float, ladder: Ladder, tried: Sequence[tuple[Ladder, Rung]], reason: str) -> Trajectory:
+def _reported(
+    accuracy: float, ladder: Ladder, estimate: Estimate | None, tried: Sequence[tuple[Ladder, Rung]], reason: str
+) -> Trajectory:
     """The finest run of the ladder that was found, with the report on its accuracy and the cost of all runs."""
     last = ladder.good[-1]
-    run, estimate = last.run, ladder.estimate
+    run = last.run
     assert run is not None
     value = math.nan if estimate is None else estimate.value
     settled = estimate is not None and estimate.settled
     met = settled and value <= accuracy
     why = "only one run could be made" if estimate is None else estimate.reason
     if not met:
-        why = "; ".join(dict.fromkeys(part for part in (why, reason or ladder.dead) if part))
+        why = "; ".join(dict.fromkeys(part for part in (why, reason) if part))
     total: dict[str, float] = {"runs": len(tried)}
     for name in ("wall_time", "steps", "evaluations"):
         total[name] = sum(rung.cost.get(name, 0) for _, rung in tried)
