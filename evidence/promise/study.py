@@ -53,6 +53,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     from evidence.promise.experiments import ENGINES, draw
     from evidence.promise.truth import RESOLVED, cheapest_of, truth_of
     from tensegrity_mj.dynamics.native.law import native_law
+    from tensegrity_mj.engines.accuracy.ladder import WEIGHTS
     from tensegrity_mj.engines.request import Request
     from tensegrity_mj.engines.table import make_engine
     from tensegrity_mj.model.actuation import OnInfeasible
@@ -68,6 +69,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     except TensegrityError as error:
         return row | {"outcome": "refused", "cause": f"{type(error).__name__}: {error}"}
     report = run.reports["accuracy"]
+    weighed = sum(WEIGHTS.get(one["method"], 1.0) * one["evaluations"] for one in report["tried"])
     row |= {
         "estimate": report["error_estimate"],
         "settled": report["settled"],
@@ -75,7 +77,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
         "reason": report["reason"],
         "chosen": report["chosen"],
         "runs": report["total_cost"]["runs"],
-        "evaluations": report["total_cost"]["evaluations"],
+        "evaluations": weighed,
         "moved": way_of(run.nodes),
     }
     if run.status is not Status.COMPLETED:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from evidence.promise.experiments import Experiment
+from tensegrity_mj.engines.accuracy.ladder import WEIGHTS
 from tensegrity_mj.engines.accuracy.rates import rates_at_start
 from tensegrity_mj.engines.accuracy.search import Steps
 from tensegrity_mj.engines.mujoco.settings import Integrator, MuJoCo
@@ -140,7 +141,8 @@ def cheapest_of(
             except TensegrityError:
                 candidate = None
                 continue
-            cost = run.cost["evaluations"]
+            method = getattr(engine, "method", None)
+            cost = WEIGHTS.get(method.value if method else "", 1.0) * run.cost["evaluations"]
             if cost > allowed:
                 break
             error = node_difference(run, truth.run) if run.status is Status.COMPLETED else math.inf

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.accuracy import rates
+from tensegrity_mj.engines.accuracy.ladder import CERTIFIER
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_along, rates_at_start, string_rates
 from tensegrity_mj.engines.accuracy.search import Steps, common_divisor
-from tensegrity_mj.engines.mujoco.engine import LOOP_ORDER, ORDER
+from tensegrity_mj.engines.mujoco.engine import LOOP_ORDER, ORDER, run_accurately
 from tensegrity_mj.engines.reference.engine import RK4_ORDER
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.runs.convergence import node_difference
@@ -141,6 +143,46 @@ def test_a_sampled_run_is_as_accurate_as_the_same_sampled_experiment(actuation: 
     assert node_difference(run, reference) <= 1e-6
 
 
+def test_mujoco_makes_one_run_that_the_dae_certifies() -> None:
+    scene = string_pendulum()
+    run = tmj.simulate(scene, None, tmj.MuJoCo(accuracy=1e-6))
+    report = run.reports["accuracy"]
+    *before, last = [one["method"] for one in report["tried"]]
+    assert (set(before), last) == ({CERTIFIER}, "rk4")
+    assert report["reason"].startswith(f"certified by {CERTIFIER}")
+    assert report["met"]
+    assert run.error_estimate is not None
+    assert node_difference(run, truth(scene, run)) <= run.error_estimate <= 1e-6
+
+
+def test_a_run_that_is_wrong_at_any_step_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its runs agree with each other, as its gravity is 1e-4 m/s² too large in all of them.
+
+    The pendulum is then 5e-6 of its time ahead: at 2 s and up to 5 rad/s, by some 1e-5 m.
+    """
+    make = tmj.MuJoCo.run
+
+    def heavier(options: tmj.MuJoCo, request: Request) -> tmj.Trajectory:
+        return make(options, replace(request, scene=request.scene.with_(gravity=(0.0, 0.0, -GRAVITY - 1e-4))))
+
+    monkeypatch.setattr(tmj.MuJoCo, "run", heavier)
+    run = run_accurately(1e-6, request_of(pendulum()))
+    report = run.reports["accuracy"]
+    assert report["reason"].startswith(f"refuted by {CERTIFIER}")
+    assert not report["met"]
+    assert 1e-6 < report["error_estimate"] < 1e-3
+    assert any("1e-06 m were requested: refuted" in warning for warning in run.reports["warnings"])
+
+
+def test_what_the_dae_cannot_certify_is_climbed() -> None:
+    """Contact, which it has not, and a law in Python, which takes the time of both alike."""
+    drop = tmj.load_scene("prism_drop").with_(duration=0.1)
+    for scene, law in ((drop, None), (string_pendulum(), lambda time, nodes, velocities: np.full(3, 1.0))):
+        report = tmj.simulate(scene, law, tmj.MuJoCo(accuracy=1e-2)).reports["accuracy"]
+        assert CERTIFIER not in {one["method"] for one in report["tried"]}
+        assert report["met"]
+
+
 def test_cost_counts_every_run() -> None:
     run = tmj.simulate(pendulum(), None, tmj.MuJoCo(accuracy=1e-6))
     report = run.reports["accuracy"]
@@ -222,7 +264,14 @@ def test_times_without_a_common_divisor_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("times", "expected"), [([2.0, 0.3], 0.1), ([1.0, 0.01, 0.015], 0.005), ([0.7], 0.7), ([3.0, math.pi], None)]
+    ("times", "expected"),
+    [
+        ([2.0, 0.3], 0.1),
+        ([1.0, 0.01, 0.015], 0.005),
+        ([0.7], 0.7),
+        ([3.0, math.pi], None),
+        ([0.1, 0.1 * (1 + 3e-9), 0.3], None),  # next to nothing divides the first two, whatever follows
+    ],
 )
 def test_common_divisors(times: list[float], expected: float | None) -> None:
     found = common_divisor(times, times[0])

@@ -14,8 +14,8 @@ import pytest
 from analytic_runs import cone_run
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.accuracy.ladder import FAILURES, STRIKES, Ladder, Rung
-from tensegrity_mj.engines.accuracy.search import MOST_EVALUATIONS, find
+from tensegrity_mj.engines.accuracy.ladder import CERTIFIER, FAILURES, STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy.search import APART, MOST_EVALUATIONS, find
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 TIMES = np.linspace(0.0, 2.0, 21)
@@ -165,3 +165,58 @@ def test_what_would_take_too_many_evaluations_is_refused_or_reported() -> None:
     assert not found.reports["accuracy"]["met"]
     assert "evaluations that are allowed" in found.reports["accuracy"]["reason"]
     assert found.reports["accuracy"]["total_cost"]["evaluations"] <= MOST_EVALUATIONS
+
+
+def test_a_reference_is_refined_until_three_runs_agree_and_one_run_is_compared_with_the_last() -> None:
+    """The reference's errors are 10 h^4. Its runs of 0.1 and 0.05 s differ by 9.4e-4 m, and 5.9e-5 m follow.
+
+    A method wrong by 20 h^4 is 2e-3 m off at 0.1 s and 1.2e-4 m at 0.05 s; one wrong by 3e-4 m however it steps never
+    comes nearer, though its own runs agree.
+    """
+
+    def climbing(name: str, error: Callable[[float], float], per_step: float = 4.0) -> Ladder:
+        def run(step: float) -> Trajectory:
+            return made(off_by(error(step)), per_step / step)
+
+        return Ladder(name, run, 4, 0.1, 1.0, 10 * per_step, lambda step: step, floor=1e-14, least=1e-6)
+
+    def judged(accuracy: float, error: Callable[[float], float], **changes: Any) -> dict[str, Any]:
+        reference = climbing(CERTIFIER, changes.pop("reference", lambda step: 10 * step**4))
+        request: Any = SimpleNamespace(duration=1.0)
+        return dict(find(accuracy, [climbing("rk4", error)], request, reference, **changes).reports["accuracy"])
+
+    def steps(report: dict[str, Any], name: str) -> list[float]:
+        return [one["timestep"] for one in report["tried"] if one["method"] == name]
+
+    report = judged(2.5e-3, lambda step: 20 * step**4)
+    assert report["met"]
+    assert steps(report, CERTIFIER) == [0.1, 0.05, 0.025]
+    assert steps(report, "rk4") == [0.1]
+    # 2e-3 m less those of the finest reference, and a fifteenth of its last difference times the safety of 1.25.
+    finest = 10 * 0.025**4
+    assert report["error_estimate"] == pytest.approx(2e-3 - finest + 1.25 * finest, rel=1e-6)
+
+    # A request of which the reference is sure at 0.1 s, and the run of 0.1 s is beyond: half the step, once more.
+    report = judged(1.9e-3, lambda step: 20 * step**4)
+    assert report["met"]
+    assert steps(report, "rk4") == [0.1, 0.05]
+
+    report = judged(1e-4, lambda step: 3e-4)
+    assert not report["met"]
+    assert report["reason"].startswith("refuted")
+    assert report["error_estimate"] == pytest.approx(3e-4, rel=0.01)
+    assert len(steps(report, "rk4")) == 1 + APART
+
+    # What a method of lower order leaves beyond a loose request costs one run, and saves the dearer one if it is within.
+    for wrong, expected in ((2e-3, ["discrete"]), (2e-2, ["discrete", "rk4"])):
+        cheap = climbing("discrete", lambda step, by=wrong: by, 1.0)  # type: ignore[misc]
+        report = judged(1e-2, lambda step: 0.0, reference=lambda step: 1e-3 * step**4, cheap=cheap)
+        assert report["met"]
+        assert [one["method"] for one in report["tried"] if one["method"] != CERTIFIER] == expected
+        assert report["chosen"]["method"] == expected[-1]
+
+    # A reference whose differences do not fall tells nothing; the method's own do.
+    report = judged(1e-4, lambda step: step**4, reference=lambda step: (-1) ** round(np.log2(0.1 / step)))
+    assert report["met"]
+    assert len(steps(report, CERTIFIER)) == STRIKES + 2
+    assert "an order" in report["reason"]

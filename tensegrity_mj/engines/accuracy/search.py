@@ -100,8 +100,10 @@ def common_divisor(times: list[float], duration: float) -> float | None:
         while b > AS_ONE * max(divisor, time):
             a, b = b, abs(a - round(a / b) * b)
         divisor = a
+        if divisor < FINEST * duration:
+            return None
     # Remainders gather round-off: the divisor of the first time is exact.
-    return None if divisor < FINEST * duration else times[0] / round(times[0] / divisor)
+    return times[0] / round(times[0] / divisor)
 
 
 LEAST_STEP = 1e-9  # of the duration
@@ -119,7 +121,6 @@ def fixed_steps(
     request: Request,
     make: Callable[[float, Request], Trajectory],
     located: bool = False,
-    weight: float = 1.0,
 ) -> Ladder:
     """The ladder of a method of fixed steps.
 
@@ -131,7 +132,6 @@ def fixed_steps(
         request: of the run.
         make: the run with a step [s].
         located: whether steps are split where strings go slack or taut.
-        weight: see `Ladder`.
     """
     steps = Steps.of(request, ROOM * HALF * resolving(start))
 
@@ -152,7 +152,6 @@ def fixed_steps(
         resolving=lambda run: resolving(rates_along(run, request)),
         located=located,
         aligned=steps.aligned,
-        weight=weight,
     )
 
 
@@ -191,7 +190,11 @@ def round_off(request: Request) -> float:
 
 
 def find(
-    accuracy: float, ladders: Sequence[Ladder], request: Request, reference: Ladder | None = None
+    accuracy: float,
+    ladders: Sequence[Ladder],
+    request: Request,
+    reference: Ladder | None = None,
+    cheap: Ladder | None = None,
 ) -> Trajectory:
     """The run that has the accuracy, or the best that could be made, with what it says about itself.
 
@@ -200,14 +203,15 @@ def find(
         ladders: of the methods.
         request: of the run.
         reference: of another engine, with the steps of the first of them, whose run it is to certify (`_certify`).
+        cheap: of a method with the same steps that costs less, and may do where the request leaves much to spare.
 
     Raises:
         OptionError: where the coarsest run that shows anything would take too many evaluations.
         TensegrityError: what every method's finest run raised, where none could be made.
     """
     tried: list[tuple[Ladder, Rung]] = []
-    if reference is not None and (certified := _certify(accuracy, reference, ladders[0], tried)) is not None:
-        return _reported(accuracy, ladders[0], certified, tried, certified.reason)
+    if reference is not None and (judged := _certify(accuracy, reference, ladders[0], cheap, tried)) is not None:
+        return _reported(accuracy, *judged, tried, judged[1].reason)
     reason = ""
     found: Ladder | None = None
     while found is None:
@@ -250,10 +254,13 @@ def find(
 
 
 PART = 0.5  # of a request, that differences of the reference may be
+SPARE = 1e-3  # the same, where a cheaper method is tried
 APART = 2  # times in a row that a distance from the reference does not fall, until it is what the engines differ by
 
 
-def _certify(accuracy: float, reference: Ladder, ladder: Ladder, tried: list[tuple[Ladder, Rung]]) -> Estimate | None:
+def _certify(
+    accuracy: float, reference: Ladder, ladder: Ladder, cheap: Ladder | None, tried: list[tuple[Ladder, Rung]]
+) -> tuple[Ladder, Estimate] | None:
     """Refine the reference until three runs, of steps h, h / 2 and h / 4, differ by `PART` of the request at most, and
     compare one run of step h with the last of them; with half the step, where they are too far apart.
 
@@ -262,11 +269,12 @@ def _certify(accuracy: float, reference: Ladder, ladder: Ladder, tried: list[tup
     Args:
         accuracy: [m].
         reference: by another engine.
-        ladder: of the method to be certified, with the same steps.
+        ladder, cheap: of the methods to be certified, with the same steps; the second is tried once, where the first
+            would be much better than was requested.
         tried: what was run, added to.
 
     Returns:
-        Estimate of the error of the ladder's finest run: within the request, or beyond it where the two engines stay
+        One of them, and the estimate of its finest run's error: within the request, or beyond it where the two engines stay
         apart. None where the reference cannot tell: its runs stop early, do not settle, or take too long.
     """
     last, apart = math.inf, 0
@@ -286,23 +294,26 @@ def _certify(accuracy: float, reference: Ladder, ladder: Ladder, tried: list[tup
         step = reference.good[-3].setting
         if step > HALF * reference.longest * (1 + AS_ONE):
             continue
-        made = ladder.climb(step).run
-        tried.append((ladder, ladder.rungs[-1]))
+        first = cheap if cheap is not None and not cheap.rungs and max(recent) <= SPARE * accuracy else None
+        for one in (ladder,) if first is None else (first, ladder):
+            made = one.climb(step).run
+            tried.append((one, one.rungs[-1]))
+            away = math.inf if made is None else node_difference(made, run)
+            found = Estimate(
+                away + sound.value,
+                math.isfinite(away),
+                f"it is {away:.2g} m from the finest run of {reference.name}, whose last three differ by "
+                f"{recent[0]:.2g} m and {recent[1]:.2g} m",
+            )
+            if found.value <= accuracy:
+                return one, replace(found, reason=f"certified by {reference.name}: {found.reason}")
         if made is None:
             continue
-        away = node_difference(made, run)
-        found = Estimate(
-            away + sound.value,
-            math.isfinite(away),
-            f"it is {away:.2g} m from the finest run of {reference.name}, whose last three differ by {recent[0]:.2g} m "
-            f"and {recent[1]:.2g} m",
-        )
-        if found.value <= accuracy:
-            return replace(found, reason=f"certified by {reference.name}: {found.reason}")
         apart = 0 if away <= PART * accuracy or away < last * 2**-LEAST_ORDER else apart + 1
         last = away
         if apart == APART:
-            return replace(found, reason=f"refuted by {reference.name}: {found.reason}, and finer steps come no nearer")
+            words = f"refuted by {reference.name}: {found.reason}, and finer steps come no nearer"
+            return ladder, replace(found, reason=words)
     return None
 
 

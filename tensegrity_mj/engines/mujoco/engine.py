@@ -13,7 +13,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
-from tensegrity_mj.engines.accuracy.ladder import Ladder
+from tensegrity_mj.engines.accuracy.ladder import CERTIFIER, Ladder
 from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import find, fixed_steps
 from tensegrity_mj.engines.mujoco import install, joints, run_view
@@ -74,13 +74,12 @@ def accelerations(options: MuJoCo, request: Request) -> Accelerations:
     return at
 
 
-# `discrete`, `implicit` and `euler` are not tried. The first damps vibrations away that it does not resolve, at any two
-# steps alike, so that two runs agree on what is wrong; the second differs from `implicitfast` by a part of the dampers'
-# derivative that no thin rod feels, and costs more; the third, of order 1, is cheaper than RK4 only where nearly any
-# step would do.
-ORDER = {Integrator.IMPLICITFAST: 1, Integrator.RK4: 4}
+# `implicit` and `euler` are not tried, and `discrete` only beside the DAE: it damps vibrations away that it does not
+# resolve, at any two steps alike, so that two of its runs agree on what is wrong. `implicit` differs from
+# `implicitfast` by a part of the dampers' derivative that no thin rod feels, and costs more; `euler`, of order 1, is
+# cheaper than RK4 only where nearly any step would do.
+ORDER = {Integrator.DISCRETE: 1, Integrator.IMPLICITFAST: 1, Integrator.RK4: 4}
 LOOP_ORDER = 2  # at most, where `connect` closes loops: its gap is of that order in the step
-OF_AN_EVALUATION = 0.1  # what one by the DAE costs: 0.30 µs beside 3.0 µs with split steps of RK4
 
 
 def run_accurately(accuracy: float, request: Request) -> Trajectory:
@@ -99,7 +98,8 @@ def run_accurately(accuracy: float, request: Request) -> Trajectory:
     if start.decay > start.turn and request.scene.water is None:
         integrators.append(Integrator.IMPLICITFAST)
     ladders = [_ladder(integrator, start, request) for integrator in integrators]
-    return find(accuracy, ladders, request, _reference(start, request))
+    cheap = _ladder(Integrator.DISCRETE, start, request) if len(ladders) > 1 else None
+    return find(accuracy, ladders, request, _reference(start, request), cheap)
 
 
 def _reference(start: Rates, request: Request) -> Ladder | None:
@@ -116,22 +116,23 @@ def _reference(start: Rates, request: Request) -> Ladder | None:
         made: Trajectory = engine.run(adapted)
         return made
 
-    def longest(rates: Rates) -> float:
-        return rates.resolving_step(request.duration, ORDER[Integrator.RK4])
+    order, stages = ORDER[Integrator.RK4], MuJoCo(integrator=Integrator.RK4).stages
 
-    stages = MuJoCo(integrator=Integrator.RK4).stages
-    order = ORDER[Integrator.RK4]
-    return fixed_steps("dae rk4", order, stages, longest, start, request, make, True, OF_AN_EVALUATION)
+    def longest(rates: Rates) -> float:
+        return rates.resolving_step(request.duration, order)
+
+    return fixed_steps(CERTIFIER, order, stages, longest, start, request, make, located=True)
 
 
 def _ladder(integrator: Integrator, start: Rates, request: Request) -> Ladder:
     scene = request.scene
-    explicit = integrator is Integrator.RK4
-    located = explicit and scene.contact is None
+    located = integrator is Integrator.RK4 and scene.contact is None
     order = min(ORDER[integrator], LOOP_ORDER) if spanning_forest(scene.structure).closures else ORDER[integrator]
 
     def longest(rates: Rates) -> float:
-        return rates.resolving_step(request.duration, ORDER[integrator], damped=explicit)
+        if integrator is Integrator.IMPLICITFAST:
+            return rates.resolving_step(request.duration, ORDER[integrator], damped=False)
+        return rates.resolving_step(request.duration, ORDER[Integrator.RK4])  # the steps that the DAE has, too
 
     def make(step: float, adapted: Request) -> Trajectory:
         return MuJoCo(step, integrator, locate_slack=located).run(adapted)
