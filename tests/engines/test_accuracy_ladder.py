@@ -207,7 +207,7 @@ def test_a_reference_is_refined_until_three_runs_agree_and_one_run_is_compared_w
     assert report["error_estimate"] == pytest.approx(3e-4, rel=0.01)
     assert len(steps(report, "rk4")) == 1 + APART
 
-    # What a method of lower order leaves beyond a loose request costs one run, and saves the dearer one if it is within.
+    # A cheaper method that is beyond a loose request costs one run more, and saves the dearer one where it is within.
     for wrong, expected in ((2e-3, ["discrete"]), (2e-2, ["discrete", "rk4"])):
         cheap = climbing("discrete", lambda step, by=wrong: by, 1.0)  # type: ignore[misc]
         report = judged(1e-2, lambda step: 0.0, reference=lambda step: 1e-3 * step**4, cheap=cheap)

@@ -25,8 +25,8 @@ FAILURES = 10  # runs in a row that diverge
 LEAST_TOLERANCE = 3e-14
 ATOL_OF_RTOL = 1e-2  # of rtol
 AS_ONE = 1e-9  # relative, of steps
-# Cost of an evaluation by a method in those that a search counts: Radau's are called from Python, 30 to 60 µs each where
-# compiled ones of DAE and ODE take 0.6 to 1.5; those of the DAE beside MuJoCo's take 0.3 µs for 3.
+# Cost of an evaluation by a method in those that a search counts: Radau's are called from Python, 30 to 60 µs each
+# where compiled ones of DAE and ODE take 0.6 to 1.5; those of the DAE beside MuJoCo's take 0.3 µs for 3.
 CERTIFIER = "dae rk4"
 WEIGHTS = {"radau": 30.0, CERTIFIER: 0.1}
 FIRST_STEP = "first_step_error"  # in a run's reports [m]: what its first step is wrong by, where differences hide it

@@ -274,8 +274,8 @@ def _certify(
         tried: what was run, added to.
 
     Returns:
-        One of them, and the estimate of its finest run's error: within the request, or beyond it where the two engines stay
-        apart. None where the reference cannot tell: its runs stop early, do not settle, or take too long.
+        One of them, and the estimate of its finest run's error: within the request, or beyond it where the two engines
+        stay apart. None where the reference cannot tell: its runs stop early, do not settle, or take too long.
     """
     last, apart = math.inf, 0
     while not reference.dead and not ladder.dead:
