@@ -14,7 +14,7 @@ import pytest
 from analytic_runs import cone_run
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.accuracy.ladder import CERTIFIER, FAILURES, STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy.ladder import CERTIFIER, FAILURES, STRIKES, WEIGHTS, Ladder, Rung
 from tensegrity_mj.engines.accuracy.search import APART, MOST_EVALUATIONS, find
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
@@ -52,6 +52,24 @@ def test_each_run_has_half_the_step_and_twice_the_cost_of_the_one_before() -> No
     one.add(Rung(0.05, None, 30.0, tmj.errors.DivergenceError("gone", 0.1, None)))  # a run that failed costs too
     assert one.next() == pytest.approx((0.025, 400.0))
     assert one.spent == 130.0
+
+
+def test_an_evaluation_counts_by_what_it_costs() -> None:
+    """A run by Radau of 100 evaluations, called from Python, is dearer than one of 2,000 compiled ones."""
+
+    def climbing(name: str, evaluations: float) -> Ladder:
+        def run(rtol: float) -> Trajectory:
+            return made(off_by(rtol), evaluations)
+
+        return Ladder(name, run, 0, 1e-3, 1 / 8, evaluations, lambda rtol: rtol, floor=1e-14, least=1e-13)
+
+    request: Any = SimpleNamespace(duration=1.0)
+    report = find(1e-2, [climbing("radau", 100.0), climbing("dop853", 2000.0)], request).reports["accuracy"]
+    assert report["chosen"]["method"] == "dop853"
+    assert report["tried"][0]["evaluations"] == 2000.0  # reports have plain numbers
+    radau = climbing("radau", 100.0)
+    radau.climb(1e-3)
+    assert radau.spent == 100.0 * WEIGHTS["radau"]
 
 
 def test_tolerances_fall_by_thirty() -> None:
