@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from ending_laws import explosive, unsolvable, wrong
 from mujoco import rollout
 from mujoco.batch import Batch
 
@@ -125,17 +126,6 @@ def test_a_law_with_a_memory_gets_a_fresh_one_a_run(prism, law) -> None:
 
 
 def test_one_that_ends_early_is_distinguished_and_stops_no_other(prism, law) -> None:
-    def explosive(time: float, nodes: Any, velocities: Any) -> Any:
-        return np.full(12, 1e9)
-
-    def wrong(time: float, nodes: Any, velocities: Any) -> Any:
-        return np.full(12, np.nan) if time >= 0.1 else np.full(12, 0.1)
-
-    def unsolvable(time: float, nodes: Any, velocities: Any) -> Any:
-        if time >= 0.1:
-            raise tmj.errors.InfeasibleError("no more")
-        return np.full(12, 0.1)
-
     laws = [law, explosive, wrong, unsolvable, law]
     runs = tmj.simulate_many([prism] * 5, laws, RK4, duration=0.2, threads=2)
     done = tmj.Status.COMPLETED

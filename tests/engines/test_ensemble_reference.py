@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import signal
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from ending_laws import explosive, unsolvable, wrong
 from maxwell import Maxwell
+from thrown_mass import hung
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Delayed, Lyapunov
 from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError
+from tensegrity_mj.errors import ControllerError, DivergenceError
 from tensegrity_mj.model import Break, Load, Motion
 
 H = 1e-3
@@ -79,36 +82,19 @@ def test_samples_of_each_run_are_its_own(prism, starts, law, engine, hold) -> No
     check_each_alone([cross] * 2, tmj.controllers.from_scene(cross), engine, duration=0.05, actuation=hold(0.01))
 
 
-def hung(yields: bool = True, **more: Any) -> tmj.Scene:
-    """A mass on a string that yields and one whose damper may push, thrown aside."""
-    structure = tmj.Structure(
-        "hung",
-        {"top": (0.0, 0.0, 1.0), "left": (-1.0, 0.0, 0.2), "p": (0.0, 0.0, 0.0)},
-        point_masses=[tmj.PointMass("p", 1.0)],
-        strings=[
-            tmj.String(
-                "y", ("top", "p"), 4000.0, 1.0, rest_length=0.99, curve=[(0.005, 20.0), (0.05, 30.0)], yields=yields
-            ),
-            tmj.String("s", ("left", "p"), 300.0, 0.5, rest_length=1.0, string_law=tmj.model.StringLaw.UNCLIPPED),
-        ],
-        fixed_nodes=("top", "left"),
-    )
-    start = np.array([[0, 0, 0], [0.3 * np.pi if "motions" in more else 0, 0, 0], [0.3, 0.2, -1.0]])
-    return tmj.Scene(structure, gravity=(0, 0, -9.81), initial_velocities=start, duration=0.1, **more)
-
-
 @pytest.mark.parametrize("engine", [FIXED, ENGINES["DAE located"], CONTROLLED, ENGINES["ODE"]], ids=str)
 def test_all_that_a_scene_may_have_is_in_its_run_alone(engine) -> None:
     """Strings that yield, break, and push by their dampers; loads, moved supports, states of elements, later starts."""
+    pushed = partial(hung, string_law="unclipped")
     scenes = [
-        hung(),
-        hung(yields=False),
-        hung(breaks=(Break("s", 0.02), Break("y", 0.08))),
-        hung(loads=lambda t: np.array([[0, 0, 0], [0, 0, 0], [np.cos(9 * t), 0, 0]])),
-        hung(loads=(Load("p", (3.0, 0.0, 1.0), 40.0),)),
-        hung(motions=(Motion.in_line("left", amplitude=0.05, direction=(1, 0, 0), frequency=3.0),)),
-        hung(start_time=0.05),
-        hung(elements=(Maxwell("p", 50.0, 5.0),)),
+        pushed(),
+        pushed(yields=False),
+        pushed(breaks=(Break("s", 0.02), Break("y", 0.08))),
+        pushed(loads=lambda t: np.array([[0, 0, 0], [0, 0, 0], [np.cos(9 * t), 0, 0]])),
+        pushed(loads=(Load("p", (3.0, 0.0, 1.0), 40.0),)),
+        pushed(motions=(Motion.in_line("left", amplitude=0.05, direction=(1, 0, 0), frequency=3.0),)),
+        pushed(start_time=0.05),
+        pushed(elements=(Maxwell("p", 50.0, 5.0),)),
     ]
     for threads in (1, 2):
         # The output times of all are those of the first run.
@@ -135,17 +121,6 @@ def test_other_models_of_the_dae_have_scratch_of_their_own() -> None:
 
 @pytest.mark.parametrize("engine", [FIXED, CONTROLLED], ids=str)
 def test_one_that_ends_early_stops_no_other(prism, law, engine) -> None:
-    def explosive(time: float, nodes: Any, velocities: Any) -> Any:
-        return np.full(12, 1e9)
-
-    def wrong(time: float, nodes: Any, velocities: Any) -> Any:
-        return np.full(12, np.nan) if time >= 0.1 else np.full(12, 0.1)
-
-    def unsolvable(time: float, nodes: Any, velocities: Any) -> Any:
-        if time >= 0.1:
-            raise InfeasibleError("no more")
-        return np.full(12, 0.1)
-
     def failing(time: float, nodes: Any, velocities: Any) -> Any:
         raise ValueError("oh")
 

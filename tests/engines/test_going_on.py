@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from thrown_mass import hung
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
@@ -16,24 +17,6 @@ from tensegrity_mj.runs.recorded import STATES, VARIABLES
 
 H, HALF = 1e-3, 0.05
 WINCH = tmj.Actuation.hold_rest_length(0.012)  # whose samples do not fall on the middle
-
-
-def hung(**more: Any) -> tmj.Scene:
-    """A mass on two strings, one of which yields, thrown aside; it lands in them within the first half."""
-    structure = tmj.Structure(
-        "hung",
-        {"top": (0.0, 0.0, 1.0), "left": (-1.0, 0.0, 0.2), "p": (0.0, 0.0, 0.0)},
-        point_masses=[tmj.PointMass("p", 1.0)],
-        strings=[
-            tmj.String(
-                "y", ("top", "p"), 4000.0, 1.0, rest_length=0.99, curve=[(0.005, 20.0), (0.05, 30.0)], yields=True
-            ),
-            tmj.String("s", ("left", "p"), 300.0, 0.5, rest_length=1.0),
-        ],
-        fixed_nodes=("top", "left"),
-    )
-    start = np.array([[0, 0, 0], [0.3 * np.pi if "motions" in more else 0, 0, 0], [0.3, 0.2, -1.0]])
-    return tmj.Scene(structure, gravity=(0, 0, -9.81), initial_velocities=start, duration=2 * HALF, **more)
 
 
 SCENES: dict[str, tuple[Any, Any, Any]] = {  # scene, law, actuation

@@ -58,8 +58,8 @@ def test_engines_move_them_as_a_coding_by_nodes_does(name: str) -> None:
     """The DAE integrates to 1e-12 of 1 m in each of some thousand steps: 1e-9 m, and a factor for growth of 2.
 
     A step within which a string goes slack errs by more than DOP853's estimate of order 5, whose weights cancel for
-    some places of the kink: a hundred times as much in one of some hundred such steps, as the estimate is linear in
-    the place near those. 2e-8 m leaves a factor of ten.
+    some places of the kink. Near these the estimate is linear in the place, so that a step errs by R times it in a part
+    1/R of such steps: of some fifty, a run rarely has one of 1e3. That times a growth of 20 is 2e-8 m.
 
     RK4 is off by A ω t (ω h)⁴/120 of an oscillator, and by no more than 2 A. Ten times as much for what else moves, and
     an eighth at most of that at half the step: order 3, or half where a damper begins at once (`tbar_soft`).

@@ -25,7 +25,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 RESOLVED = 1.0  # rad or time constants a step, at most, of a run that is evidence: where orders begin
 LOOKED_AT = 3  # samples of a run whose strings' directions are looked at
-DENSE = 100  # strings; of more, the power method takes less time than all eigenvalues do
+DENSE = 100  # strings; of more, the power method takes less time than the norm of a matrix
 ITERATIONS = 40  # of the power method, good to some percent
 
 
@@ -177,7 +177,7 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
         root = np.sqrt(weights)[string, None] * along
 
         def answers(x: Array) -> Array:
-            """W^½ ∂L/∂q M⁻¹ (∂L/∂q)ᵀ W^½ x for K columns x (K, M)."""
+            """W^½ ∂L/∂q M⁻¹ (∂L/∂q)ᵀ W^½ x for K vectors x (K, M)."""
             forces = np.zeros((len(x), *nodes.shape))
             pulls = root * x[:, string, None]
             at: Any = (slice(None), pairs.T)

@@ -3,8 +3,8 @@
 Several methods are tried side by side, each from coarse to fine (`ladder`). The next run is always that of the
 method which will have cost least with it, counted in evaluations of the forces and never in measured time, so that the
 same request gives the same run on every machine. Nothing but the end of this sequence depends on the accuracy: a looser
-request makes a part of the runs of a tighter one. The finest run is returned; its error is estimated from its
-difference to coarser runs of the same method over the whole time.
+request makes a part of the runs of a tighter one, unless they are certified (below). The finest run is returned; its
+error is estimated from its difference to coarser runs of the same method over the whole time.
 
 Where another engine computes the same motion at a fraction of the cost, its runs are refined instead, and one run of
 the engine itself is compared with the finest of them (`_certify`).
