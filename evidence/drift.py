@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from evidence.extremes.pace import pace
+from evidence.random_linked import random_velocities
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
@@ -25,7 +26,6 @@ from tensegrity_mj.engines.reports import ENERGY_WARNING
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.named import load_scene
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml

@@ -5,7 +5,7 @@
     scene = random_scene(rng, structure, moving=True, gravity=True, loads=2)
 
 `random_configuration` moves a structure the way its supports and rigid rods allow; `random_velocities` of
-`tensegrity_mj.library.random_structures` sets it in motion so.
+`evidence.random_linked` sets it in motion so.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+from evidence.random_linked import random_velocities
 from tensegrity_mj.basics.arrays import Array, unit
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.fields import function_of
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support, null_space_basis
 from tensegrity_mj.model.scene import Scene

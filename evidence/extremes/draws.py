@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from evidence.extremes.experiment import COLLAPSE, Experiment, Rng, direction, maybe_driven, ordinary
+from evidence.random_linked import log_uniform, random_linked_structure, random_velocities
 from evidence.random_structures import random_rotation, random_structure
-from tensegrity_mj.library.random_structures import log_uniform, random_linked_structure, random_velocities
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.elements.contact import Contact

@@ -19,9 +19,9 @@ import numpy as np
 
 from evidence.extremes import draws, laws
 from evidence.extremes.experiment import COLLAPSE, Experiment, Rng, direction, maybe_driven, ordinary
+from evidence.random_linked import log_uniform, random_velocities
 from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.basics.arrays import unit
-from tensegrity_mj.library.random_structures import log_uniform, random_velocities
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene

@@ -13,9 +13,9 @@ import numpy as np
 from evidence.extremes.experiment import Experiment
 from evidence.extremes.kinds import FIXED_STEP, Kind
 from evidence.extremes.pace import Pace, pace
+from evidence.random_linked import log_uniform
 from tensegrity_mj.engines.reports import BUCKLES, NO_LINE, NO_PUSH
 from tensegrity_mj.engines.table import engine_of
-from tensegrity_mj.library.random_structures import log_uniform
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.runs.trajectory import Trajectory

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from evidence.extremes.pace import pace
+from evidence.random_linked import log_uniform, random_velocities
 from evidence.random_structures import random_structure
 from tensegrity_mj.basics.arrays import Array, unit
-from tensegrity_mj.library.random_structures import log_uniform, random_velocities
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.members import String

@@ -14,6 +14,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from evidence.cable.chain import Chain
+from evidence.families.in_waves import tower_in_waves
 from evidence.pages import sensitivity
 from evidence.thesis import tables
 from evidence.thesis.catalog import STATEMENTS
@@ -27,7 +28,6 @@ from evidence.thesis.page import counts_by_class, summary
 from evidence.thesis.statement import Class, Interval, KnownDifference
 from evidence.thesis.tables import FILES, FOLDER, read_table
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.studies.workers import Backend, Workers
 
 ROWS = {one.id: one for one in STATEMENTS}

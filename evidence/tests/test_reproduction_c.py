@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from ledger_lines import lines_of
 
+from evidence.families.thesis_towers import TABLE_C2
 from evidence.pages import reproduction
 from evidence.thesis.appendix_c import beam_tasks, beams, measures_c
 from evidence.thesis.appendix_c.beams import BY_PRESTRESS, STUDIES, BeamRun
@@ -21,7 +22,6 @@ from evidence.thesis.ledger import Verdict, judge
 from evidence.thesis.reproduction import WHOLES, compute_runs, reproduce
 from evidence.thesis.runs import Computed
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.statics import Hold, follow
 from tensegrity_mj.studies.workers import Backend, Workers
 

@@ -13,6 +13,8 @@ from wave_cases import GRID, OPEN, SENSITIVITY, agreement
 from wave_cases import point as point_of
 
 import tensegrity_mj as tmj
+from evidence.families.in_waves import tower_in_waves
+from evidence.families.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from evidence.pages import reproduction
 from evidence.thesis.appendix_c.beams import BeamRun
 from evidence.thesis.appendix_c.tower_wave_tasks import in_waves
@@ -25,9 +27,7 @@ from evidence.thesis.runs import Computed
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.library.named import family_scene
-from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Axis, Topology, tower
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.runs.deformation import (

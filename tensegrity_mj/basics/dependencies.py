@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 EXTRA = "dm-control-needs"
+EVIDENCE_MISSING = (
+    "comes with tensegrity-mj-evidence: in a checkout, install it with python -m pip install --editable evidence"
+)
 # Imports whose distributions have other names, hyphens apart.
 IMPORTED_AS = {"OpenGL": "PyOpenGL", "PIL": "pillow", "absl": "absl-py", "google": "protobuf"}
 IMPORTED_AS |= {"mujoco.mjx": "mujoco-mjx", "tree": "dm-tree", "yaml": "pyyaml"}

@@ -33,6 +33,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import ModuleType
 from typing import Any, NoReturn
 
+from tensegrity_mj.basics.dependencies import EVIDENCE_MISSING
 from tensegrity_mj.basics.files import checked, table_beside
 from tensegrity_mj.basics.texts import nearest
 from tensegrity_mj.commands import common, experiment
@@ -102,7 +103,7 @@ class Parser(argparse.ArgumentParser):
         allowed = [str(choice) for choice in action.choices]
         if isinstance(action, argparse._SubParsersAction):
             if value in EVIDENCE and not self.words:
-                raise MissingLibraryError(f"{value}: {MISSING}")
+                raise MissingLibraryError(f"{value}: {EVIDENCE_MISSING}")
             meant = self._command_like(str(value))
             more = f"did you mean {meant}?" if meant else f"allowed: {', '.join(allowed)}"
             raise argparse.ArgumentError(None, f"{value}: there is no such command; {more}")
@@ -176,7 +177,6 @@ def _add_commands(parser: Parser, modules: Mapping[str, ModuleType], required: b
 
 
 EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, which stands beside this package
-MISSING = "comes with tensegrity-mj-evidence: in a checkout, install it with python -m pip install --editable evidence"
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from tensegrity_mj.basics.dependencies import installed, load
+from tensegrity_mj.basics.dependencies import EVIDENCE_MISSING, installed, load
 from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import FormatError
@@ -25,10 +25,7 @@ from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_tom
 from tensegrity_mj.model.text.sources import find
 
 _HOME = {
-    "appendix_beam": "thesis_towers",
-    "beam_in_waves": "in_waves",
     "cable": "cable",
-    "chapter7_tower": "thesis_towers",
     "cross": "cross",
     "fish_net": "fish_farm",
     "moored_chain": "fish_farm",
@@ -42,9 +39,9 @@ _HOME = {
     "suspended_cable": "hanging",
     "three_bar_robot": "prism",
     "tower": "tower",
-    "tower_in_waves": "in_waves",
     "truss_arm": "truss_arm",
 }
+OF_EVIDENCE = ("appendix_beam", "beam_in_waves", "chapter7_tower", "tower_in_waves")
 MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
 
@@ -94,6 +91,8 @@ def _builder(name: str, shown: str) -> Callable[..., Any]:
     point = installed("families").get(name)
     if point is not None:
         return load(point)
+    if name in OF_EVIDENCE:
+        raise FormatError(f"{shown}: family '{name}' {EVIDENCE_MISSING}")
     known = family_names()
     raise FormatError(f"{shown}: unknown family '{name}'{closest(name, known)}; families: {', '.join(known)}")
 

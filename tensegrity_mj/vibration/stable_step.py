@@ -302,7 +302,7 @@ def _of_integrator(model: Vibration, stepping: Stepping) -> list[str]:
             "damped strings between rods that share nodes: what this integrator takes of a damper depends on how "
             "the rods hang on each other, which is in the limit of trees of up to 30 rods with supports that stand "
             "still and no law; the limit here is that without dampers, and the real one may be larger or smaller: use "
-            "RK4, or measure it with tensegrity-mj stability"
+            "RK4, or measure it with tensegrity-mj audit stability"
         )
     elif implicit:
         notes.append(

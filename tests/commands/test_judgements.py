@@ -27,9 +27,10 @@ COMMANDS = {
     "validate": "validate pinned_rod --only delay --engines dae --quick --duration 0.2 --workers 1 --timestep 5e-3 "
     "--control-period 5e-3",
     "tradeoff": "tradeoff tbar --engines mujoco --families RK4 --steps 0.01 --duration 0.5 --repeats 1",
-    "stability": "stability tbar --engines discrete",
+    "stability": "stability cross --engines rk4 ode",
     "identify": "identify FOLDER/scene.toml --data FOLDER/run.nc --engine dae --sigma 1e-3 --members b "
     "--parameter structure.strings[s].stiffness=28:1:90",
+    "audit stability": "audit stability tbar --engines discrete",
     "audit drift": "audit drift pinned_rod --steps 1000 --workers 1 --methods ode",
     "audit extremes": "audit extremes --runs 2 --kinds bad_law --workers 1",
     "audit promise": "audit promise --runs 1 --seed 3 --workers 1",

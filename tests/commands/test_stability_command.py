@@ -1,4 +1,4 @@
-"""`tensegrity-mj stability`: what it writes, that it is the same each time, and what it refuses."""
+"""`tensegrity-mj stability`: its limits are those of `stable_step`, on its page too, and what it refuses."""
 
 from __future__ import annotations
 
@@ -8,82 +8,55 @@ from pathlib import Path
 import pytest
 from command_words import choices_of
 
+import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.engines.table import NAMES, TITLES
-from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.page import describe, judgement_of, pictures
-
-SMALL = ["pinned_rod", "--engines", "rk4", "--maps", "damping", "--quick", "--random", "1", "--workers", "1"]
+from tensegrity_mj.studies.stable_steps import predict_steps
 
 
 def test_the_words_of_the_command_are_those_of_the_study() -> None:
     assert choices_of("stability", "--engines") == list(NAMES)
-    assert choices_of("stability", "--maps") == list(AXES)
     assert set(TITLES) == set(NAMES)
 
 
-def test_a_small_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["stability", *SMALL, "--out", str(tmp_path / "a"), "--json"]) == 0
+def test_limits_are_those_of_stable_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At the start and along the run that the command makes: of the DAE, under the scene's law."""
+    scene = tmj.load_scene("prism")
+    assert main(["stability", "prism", "--engines", "rk4", "discrete", "--out", str(tmp_path), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert data["status"] == "ok"
-    assert data["base"]["engines"]["rk4"]["ratio"] == pytest.approx(1, abs=0.02)
-    assert data["start"]["engines"]["rk4"]["start"]["limit"] is None or data["start"]["closed_loop"]
-    assert [row["value"] for row in data["maps"]] == [0.0, 0.3, 10.0]
-    assert data["random"]["summary"]["comparisons"] == 1
-    assert data["random"]["summary"]["agree"] == 1
-    assert data["joined"]["summary"]["comparisons"] == data["joined"]["summary"]["agree"] == 1
-    page = (tmp_path / "a" / "index.html").read_text(encoding="utf-8")
-    assert "Random taut structures" in page
-    assert "Random structures whose rods share nodes" in page
-    assert page.count("<img") == 3
-    for name in ("maps", "heat", "random"):
-        assert (tmp_path / "a" / f"{name}.png").stat().st_size > 5000
-    text = "\n".join(describe(data))
-    assert "1 of 1" in text
-    assert "seed 0" in text
-    # The same again, from scratch and in memory: bit-identical.
-    assert main(["stability", *SMALL, "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)
-    assert {**again, "out": None} == {**data, "out": None}
-    assert sorted(pictures(data)) == ["heat", "maps", "random"]
+    run = tmj.simulate(scene, engine="dae")
+    for name, engine in (("rk4", tmj.MuJoCo(1.0)), ("discrete", tmj.MuJoCo(1.0, tmj.Integrator.DISCRETE))):
+        found = data["start"]["engines"][name]
+        for when, expected in (
+            ("start", tmj.stable_step(scene, engine)),
+            ("worst", tmj.stable_step(scene, engine, run=run)),
+        ):
+            assert found[when]["limit"] == (expected.limit if expected.limit < float("inf") else None)
+    least = min(one["worst"]["limit"] for one in data["start"]["engines"].values())
+    assert data["verdict"] == f"2 of 2 engines limit the step of prism; the smallest limit is {1e3 * least:.3g} ms."
+    assert [one["mark"] for one in data["findings"]] == ["limited"]
+    assert "edge of slackness" in data["findings"][0]["text"]
+    page = (tmp_path / "stability.html").read_text(encoding="utf-8")
+    assert f'<td class="n">{least:.4g}</td>' in page
+    assert json.loads((tmp_path / "stability.json").read_text())["start"] == data["start"]
 
 
-def test_the_page_of_a_step_without_a_limit(tmp_path: Path) -> None:
-    # Prestress holds none of the T-bar's motions alone, so that `discrete` is stable at any step.
-    assert main(["stability", "tbar", "--engines", "discrete", "--out", str(tmp_path)]) == 0
-    page = (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "MuJoCo discrete: predicted none, measured none up to " in page
+def test_an_engine_that_refuses_the_scene_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stability", "ladder", "--engines", "ode"]) == 0
+    text = capsys.readouterr().out
+    assert "0 of 1 engines limit the step of ladder." in text
+    assert "not judged  ODE RK4: ODE refuses the scene: constraint 'wall'" in text
 
 
-def test_a_limit_that_nothing_showed_is_not_judged_and_what_nothing_explains_is_bad() -> None:
-    none = {"predicted": None, "measured": None, "largest": 1.0, "agrees": True, "ratio": 1.0, "cause": ""}
-    met = {"predicted": 1.0, "measured": 0.98, "largest": 1.0, "agrees": True, "ratio": 1.02, "cause": ""}
-    off = met | {"predicted": 2.0, "ratio": 2.04, "agrees": False}
-    data = {
-        "scene": "x",
-        "base": {
-            "text": "x",
-            "stand_in": False,
-            "engines": {
-                "discrete": none,
-                "euler": met,
-                "implicit": off | {"cause": "a rod near the pole of the ODE's angles"},
-                "rk4": off | {"cause": "not explained (nothing grew)"},
-            },
-        },
-        "random": {"failed": 3, "summary": {"structures_agree": 0, "structures": 0, "allowed": 0.1}},
-    }
-    found = judgement_of(data)
-    assert [one.mark.value for one in found.findings] == ["not judged", "good", "limited", "bad", "not judged"]
-    assert "allowed 1 ± 0.1" in found.findings[1].text
-    assert found.findings[-1].text.endswith("3 could not be computed.")
-    alone = judgement_of({"scene": "x", "base": {"engines": {}}})
-    assert alone.verdict == "The step of x is not judged: no engine that was chosen simulates it."
+def test_a_loop_is_closed_by_a_law_of_every_stage_alone() -> None:
+    """The scene's own law is left out where it switches; one that is given is refused."""
+    assert main(["stability", "prism", "--open-loop", "--law", "lyapunov"]) == 2
+    assert not predict_steps(tmj.load_scene("pinned_rod"), law=None, engines=["rk4"]).data["start"]["closed_loop"]
+    with pytest.raises(tmj.errors.OptionError, match="did you mean 'rk4'"):
+        predict_steps(tmj.load_scene("prism"), engines=["rk"])
 
 
-@pytest.mark.parametrize(
-    "wrong", [["nowhere"], ["prism", "--random", "0"], ["prism", "--seed", "-1"], ["prism", "--maps", "colour"]]
-)
+@pytest.mark.parametrize("wrong", [["nowhere"], ["prism", "--engines", "rk"], ["prism", "--maps", "damping"]])
 def test_bad_usage_is_refused(wrong: list[str]) -> None:
     assert main(["stability", *wrong]) == 2
 
@@ -91,4 +64,4 @@ def test_bad_usage_is_refused(wrong: list[str]) -> None:
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    assert main(["stability", "prism", "--out", str(file)]) == 2
+    assert main(["audit", "stability", "prism", "--out", str(file)]) == 2

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from evidence.stability.study import StabilityStudy
 from tensegrity_mj import simulation, studies
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import SCENE_LAW
 from tensegrity_mj.controllers.specs import NO_LAW
 from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.simulation import ensemble
-from tensegrity_mj.studies.stability.study import StabilityStudy
+from tensegrity_mj.studies.stable_steps import predict_steps
 from tensegrity_mj.studies.sweep import simulate_point
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 from tensegrity_mj.studies.validation.study import validate
@@ -29,7 +30,7 @@ CALLS: list[tuple[Any, str]] = [
     *((tmj.simulate_many, "controllers"), (ensemble.simulate_many, "controllers")),
     *((one, "law") for one in (tmj.law_in, ensemble.law_in, tmj.stable_step, stable_step, explain_warnings)),
     *((one, "law") for one in (tmj.identify, studies.identify, studies.Sweep, tradeoff)),
-    *((one, "law") for one in (validate, StabilityStudy)),
+    *((one, "law") for one in (validate, predict_steps, StabilityStudy)),
 ]
 
 

@@ -15,11 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_linked import random_velocities
 from evidence.random_structures import random_scene, random_structure
 from tensegrity_mj import Actuation, Command, Integrator, Method, OnInfeasible, Status, Trajectory
 from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import Load
 from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene

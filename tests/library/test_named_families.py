@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import enum
-import importlib
 import inspect
 import json
 import re
@@ -19,22 +18,22 @@ import pytest
 from pages import ROOT
 
 import tensegrity_mj as tmj
+from evidence.families.in_waves import BeamEnd, beam_in_waves, tower_in_waves
+from evidence.families.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
-from tensegrity_mj.library import load_structure
+from tensegrity_mj.library import load_structure, named
 from tensegrity_mj.library.cable import RopeMass, cable
 from tensegrity_mj.library.cross import cross
 from tensegrity_mj.library.fish_farm import fish_net, moored_chain
 from tensegrity_mj.library.hanging import Held, net, suspended_cable
-from tensegrity_mj.library.in_waves import BeamEnd, beam_in_waves, tower_in_waves
-from tensegrity_mj.library.named import _HOME, family_names, is_family_call
+from tensegrity_mj.library.named import family_names, is_family_call
 from tensegrity_mj.library.planar_beam import planar_beam
 from tensegrity_mj.library.prism import prism, three_bar_robot
 from tensegrity_mj.library.rolling import six_bar_roll
 from tensegrity_mj.library.six_bar import icosahedron, superball
 from tensegrity_mj.library.spine import spine
-from tensegrity_mj.library.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.library.tower import Axis, Topology, tower
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.model.elements.water import Weights
@@ -96,8 +95,8 @@ def test_every_family_is_called_above() -> None:
 def test_every_default_can_be_written() -> None:
     """Families that are new are seen here: a parameter of a kind that no literal fits would refuse its own default."""
     count = 0
-    for name, home in _HOME.items():
-        builder = getattr(importlib.import_module(f"tensegrity_mj.library.{home}"), name)
+    for name in family_names():
+        builder = named._builder(name, name)
         own = inspect.unwrap(builder)
         for key, parameter in inspect.signature(builder).parameters.items():
             default = parameter.default
@@ -221,4 +220,4 @@ def test_any_of_the_modules_may_be_imported_first(first: str) -> None:
 def test_the_page_of_the_format_has_every_family() -> None:
     section = (ROOT / "docs" / "format" / "running.md").read_text(encoding="utf-8").partition("\n## Families\n")[2]
     rows = re.findall(r"^\|(.+?)\|", section.partition("\n## ")[0], re.MULTILINE)
-    assert set(re.findall(r"`(\w+)\(", "".join(rows))) == set(_HOME)
+    assert set(re.findall(r"`(\w+)\(", "".join(rows))) == set(family_names())

@@ -13,9 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.in_waves import tower_in_waves
-from tensegrity_mj.library.thesis_towers import (
+from evidence.families.in_waves import tower_in_waves
+from evidence.families.thesis_towers import (
     CORRECTED_STIFFNESS,
     PRESTRESS_MEASURES,
     STIFFNESSES,
@@ -23,6 +22,7 @@ from tensegrity_mj.library.thesis_towers import (
     appendix_beam,
     chapter7_tower,
 )
+from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library.tower import (
     Axis,
     Topology,

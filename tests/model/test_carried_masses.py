@@ -11,12 +11,12 @@ import pytest
 from loaded_rods import cloud, loaded, mass_of_nodes
 
 import tensegrity_mj as tmj
+from evidence.random_linked import random_velocities
 from evidence.thesis.disturbance import Disturbance, Quantity, disturbed
 from tensegrity_mj import exchange
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.exchange.importing import import_scene
 from tensegrity_mj.exchange.mjcf import rod_of_body
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import PointMass, RodMass, rods
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.text.reading import scene_from_toml

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evidence.random_linked import random_linked_structure
 from evidence.random_structures import random_structure
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import MOST_LETTERS, FormatError, OptionError, SceneError, TensegrityError
 from tensegrity_mj.library.named import family_names, load_scene, load_structure
-from tensegrity_mj.library.random_structures import random_linked_structure
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text import reading

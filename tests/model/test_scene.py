@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evidence.random_linked import random_velocities
 from evidence.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.errors import SceneError
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model.events import ControlSpec, Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene

@@ -14,11 +14,11 @@ import pytest
 from scipy.integrate import quad
 
 import tensegrity_mj as tmj
+from evidence.families.in_waves import beam_in_waves, tower_in_waves
 from tensegrity_mj.commands.run import describe as describe_run
 from tensegrity_mj.commands.run import summary
 from tensegrity_mj.commands.scenes import describe
 from tensegrity_mj.engines.request import request_for
-from tensegrity_mj.library.in_waves import beam_in_waves, tower_in_waves
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import water_forces
 from tensegrity_mj.model.text.reading import scene_from_toml

@@ -9,8 +9,8 @@ import pytest
 
 import tensegrity_mj as tmj
 from evidence.random_structures import random_scene, random_structure
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.controllers import from_scene
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model import rods
 from tensegrity_mj.runs.energy import energy_exchanged
 

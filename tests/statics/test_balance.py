@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 
 import tensegrity_mj as tmj
 from evidence.random_structures import random_scene, random_structure
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.scenes import describe
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene

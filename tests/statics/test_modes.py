@@ -12,7 +12,7 @@ from linked_scenes import random_tree
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_taut import random_taut_structure
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.members import PointMass, Rod, String, Support

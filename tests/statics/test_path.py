@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 import tensegrity_mj as tmj
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.library.tower import base_nodes, top_nodes, tower
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.members import Support
@@ -800,7 +800,7 @@ def test_a_beam_of_thirty_stages_buckles_and_bears_no_more() -> None:
     An elastica between hinges rises by P/(2 L) a length of shortening, L = 24.7 m here; a beam that is also soft in
     shear by less. Straight, the beam has 10.4 kN/m.
     """
-    from tensegrity_mj.library.thesis_towers import appendix_beam
+    from evidence.families.thesis_towers import appendix_beam
 
     state = find_equilibrium(appendix_beam("TB1"))
     top = top_nodes(30)

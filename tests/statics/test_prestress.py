@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from evidence.random_linked import random_velocities
 from evidence.random_structures import random_configuration, random_rotation, random_structure
 from tensegrity_mj.errors import InfeasibleError, OptionError, StructureError
 from tensegrity_mj.library.named import load_scene
-from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import strings as string_law
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.rigidity import (

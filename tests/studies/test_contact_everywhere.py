@@ -15,7 +15,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import Replay
 from tensegrity_mj.engines.table import NAMES
 from tensegrity_mj.model.elements.contact import floor_gaps
-from tensegrity_mj.studies.stability.study import study_stability
+from tensegrity_mj.studies.stable_steps import predict_steps
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
 LANDED = 0.4  # s: the first foot touches at 0.25 s
@@ -171,11 +171,11 @@ def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_stability_looks_along_a_run_that_lands(scene: tmj.Scene) -> None:
     """The step of that run is a tenth of the limit, or of the contact's time constant 2/b where that is shorter."""
-    start = study_stability(scene.with_(duration=LANDED), engines=["rk4"])["start"]
+    start = predict_steps(scene.with_(duration=LANDED), engines=["rk4"]).data["start"]
     assert "along a run of MuJoCo 4.0.0 RK4, h = 0.000233" in start["text"]
     assert "with contact" in start["text"]
     assert start["engines"]["rk4"]["worst"]["time"] > 0
     assert scene.contact is not None
     hard = scene.with_(duration=0.02, contact=replace(scene.contact, damping=4e4))
-    assert "h = 5e-06 s" in study_stability(hard, engines=["rk4"])["start"]["text"]
+    assert "h = 5e-06 s" in predict_steps(hard, engines=["rk4"]).data["start"]["text"]
     assert "rk4" in NAMES

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from evidence.random_structures import random_scene, random_structure
+from evidence.random_taut import random_taut_structure
+from evidence.stability import study
+from evidence.stability.cases import AXES, base_structure, random_points, structure_of, varied
+from evidence.stability.study import AGREEMENT, at_rest, measured_limit, steps_for
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.table import NAMES, engine_of
 from tensegrity_mj.errors import OptionError, StabilityWarning
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.studies.stability import study
-from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
-from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, measured_limit, steps_for
 from tensegrity_mj.vibration import stable_step as inside
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at, bounds_of

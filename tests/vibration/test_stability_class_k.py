@@ -23,13 +23,15 @@ from linked_scenes import (
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.random_linked import random_linked_structure
+from evidence.stability.cases import joined_points, joined_scene, scene_at_rest
+from evidence.stability.study import at_rest
 from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.engines import Drift
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import StabilityWarning, StructureError
 from tensegrity_mj.library.cable import Excitation, cable
-from tensegrity_mj.library.random_structures import random_linked_structure
 from tensegrity_mj.model import Motion
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.forest import spanning_forest
@@ -39,8 +41,6 @@ from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.rods import lumped_masses, string_forces
 from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.studies.stability.cases import joined_points, joined_scene, scene_at_rest
-from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
 from tensegrity_mj.vibration.integrators import limit_of, system_matrix, tree_limit, tree_model
@@ -636,8 +636,8 @@ def test_scenes_at_rest_are_in_equilibrium() -> None:
 
 
 def test_the_study_of_a_scene_of_class_k() -> None:
-    from tensegrity_mj.studies.stability.page import describe
-    from tensegrity_mj.studies.stability.study import study_stability
+    from evidence.stability.page import describe
+    from evidence.stability.study import study_stability
 
     scene = hanging_chain((0.3, 0.5), (1.0, 0.4), (Motion.in_line("r0", 0.01, 0.5, (1, 0, 0)),), True).with_(
         duration=0.2

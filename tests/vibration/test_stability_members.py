@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from evidence.stability.cases import base_structure, scene_at_rest, varied
+from evidence.stability.page import describe, judgement_of
+from evidence.stability.study import at_rest, study_stability
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.constraints import Constraint
@@ -15,9 +18,6 @@ from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.statics.equilibrium import balance
 from tensegrity_mj.statics.model import StaticModel
-from tensegrity_mj.studies.stability.cases import base_structure, scene_at_rest, varied
-from tensegrity_mj.studies.stability.page import describe, judgement_of
-from tensegrity_mj.studies.stability.study import at_rest, study_stability
 
 
 def elastic_pendulum() -> tmj.Scene:

@@ -1,7 +1,13 @@
-"""Check the package itself: what it promises of accuracy, what it does at the extremes, how it drifts, its speed."""
+"""Check the package itself: promised accuracy, extreme runs, stable steps, drift over long runs, speed."""
 
 from types import ModuleType
 
-from evidence.commands.audit import drift, extremes, promise, speed
+from evidence.commands.audit import drift, extremes, promise, speed, stability
 
-COMMANDS: dict[str, ModuleType] = {"extremes": extremes, "promise": promise, "drift": drift, "speed": speed}
+COMMANDS: dict[str, ModuleType] = {
+    "extremes": extremes,
+    "promise": promise,
+    "stability": stability,
+    "drift": drift,
+    "speed": speed,
+}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import tensegrity_mj as tmj
+from evidence.families.in_waves import tower_in_waves
 from evidence.thesis.appendix_c.beams import STUDIES
 from tensegrity_mj.engines.table import engine_of
-from tensegrity_mj.library.in_waves import tower_in_waves
 
 Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `tower_wave_tasks`
 CASES = STUDIES["waves"].points

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evidence.families.thesis_towers import APPENDIX_STAGES, appendix_beam, chapter7_tower
 from evidence.thesis.disturbance import disturbance_of, disturbed
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.thesis_towers import APPENDIX_STAGES, appendix_beam, chapter7_tower
 from tensegrity_mj.library.tower import base_nodes, form_find, middle_nodes, top_nodes, tower_length
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from evidence.families.thesis_towers import TABLE_C2
 from evidence.thesis import drawing
 from evidence.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, HEIGHTS, BeamRun, wave_label
 from evidence.thesis.appendix_c.measures_c import amplitude, buckling, initial, stiffness
 from evidence.thesis.drawing import AllRuns, Figure
 from evidence.thesis.experiments import EngineName
-from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 

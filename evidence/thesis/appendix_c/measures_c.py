@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from evidence.families.in_waves import STEEPNESS
+from evidence.families.thesis_towers import appendix_beam
 from evidence.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.cable import GRAVITY
-from tensegrity_mj.library.in_waves import STEEPNESS
-from tensegrity_mj.library.thesis_towers import appendix_beam
 from tensegrity_mj.model.structure import Structure
 
 DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled

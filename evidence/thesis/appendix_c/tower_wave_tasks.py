@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from evidence.families.in_waves import tower_in_waves
 from evidence.thesis.disturbance import disturbance_of, disturbed
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.in_waves import tower_in_waves
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.runs.trajectory import Status, Trajectory

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from evidence.families.in_waves import tower_in_waves
+from evidence.families.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from evidence.thesis import drawing
 from evidence.thesis.appendix_c.beams import STUDIES, BeamRun
 from evidence.thesis.chapter7.measures7 import FIRST, FORMED, SHOWN, SOFT, STAGES, grid
 from evidence.thesis.drawing import AllRuns, Figure
 from evidence.thesis.experiments import TITLES
-from tensegrity_mj.library.in_waves import tower_in_waves
-from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from evidence.families.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
 from evidence.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
 
 
 def label_of(stiffness: float, measure: float) -> str:

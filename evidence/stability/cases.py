@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from evidence.random_linked import log_uniform, random_linked_structure
+from evidence.random_taut import random_taut_structure
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.library.random_structures import log_uniform, random_linked_structure
-from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.elements.resistance import resisting_forces
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.rods import lumped_masses, string_forces

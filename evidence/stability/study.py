@@ -27,23 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import whole
-from tensegrity_mj.basics.fields import function_of
-from tensegrity_mj.basics.jsontext import plain_values
-from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
-from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.request import Request
-from tensegrity_mj.engines.table import NAMES, engine_of, simulates
-from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
-from tensegrity_mj.library.random_structures import random_velocities
-from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.forest import spanning_forest
-from tensegrity_mj.model.moved_supports import velocities_with_supports
-from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.studies.many import run_study
-from tensegrity_mj.studies.stability.cases import (
+from evidence.random_linked import random_velocities
+from evidence.stability.cases import (
     AXES,
     joined_points,
     joined_scene,
@@ -52,6 +37,22 @@ from tensegrity_mj.studies.stability.cases import (
     scene_at_rest,
     structure_of,
 )
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import whole
+from tensegrity_mj.basics.fields import function_of
+from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.controllers.scenes import SCENE_LAW
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.table import NAMES, engine_of, simulates
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+from tensegrity_mj.studies.many import run_study
+from tensegrity_mj.studies.stable_steps import at_start, continuous_law
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
@@ -386,15 +387,12 @@ class StabilityStudy:
                 f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
                 f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
             )
-        law = law_for(scene, self.law)
-        if self.law is SCENE_LAW and getattr(law, "discontinuous", None):
-            law = None
         measured = [name for name in engines if simulates(name, scene)]
         base, text = scene_at_rest(scene, bool(self.maps))
         data: dict[str, Any] = {
             "scene": scene.name,
             "engines": engines,
-            "start": _start(scene, law, engines),
+            "start": at_start(scene, continuous_law(scene, self.law), engines),
             "base": {
                 "text": text,
                 "stand_in": base.structure.node_names != scene.structure.node_names,
@@ -433,46 +431,3 @@ class StabilityStudy:
 
 
 study_stability = function_of(StabilityStudy)
-
-
-def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
-    """Predicted limits at the start, and the smallest along a run: of the DAE in tight tolerances, where it can."""
-    from tensegrity_mj.simulation import simulate
-
-    run, reason = None, ""
-    try:
-        run = simulate(scene, law, _engine_of_run(scene, law))
-        if scene.contact is not None:
-            reason = f" of {run.engine}, with contact (whose own limit is not among these)"
-    except TensegrityError as error:
-        reason = f"; no run to look along: {error}"
-    found: dict[str, Any] = {}
-    for name in engines:
-        try:
-            here = stable_step(scene, engine_of(name, 1.0), law=law)
-            worst = here if run is None else stable_step(scene, engine_of(name, 1.0), law=law, run=run)
-        except TensegrityError as error:
-            found[name] = {"error": str(error)}
-            continue
-        found[name] = {"start": here.to_dict(), "worst": worst.to_dict()}
-    loop = "in the loop with its law" if law is not None else "without a law"
-    return {
-        "text": f"Predicted {loop}, at the start and at the worst of 25 configurations along a run{reason}. A moving "
-        "state has no limit of its own to measure.",
-        "closed_loop": law is not None,
-        "engines": found,
-    }
-
-
-def _engine_of_run(scene: Scene, law: Any) -> Any:
-    """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
-    from tensegrity_mj.engines.mujoco.settings import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-
-    if scene.contact is None:
-        return DAE()
-    limit = stable_step(scene, MuJoCo(1.0), law=law).limit
-    # Limits by contact: 1/√k of its spring and 2/b of its damper.
-    contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.damping, 1e-12))
-    step = FINE * min(limit, contact)
-    return MuJoCo(scene.duration / math.ceil(scene.duration / step))

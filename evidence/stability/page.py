@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from evidence.stability.cases import AXES
+from evidence.stability.study import AGREEMENT, DRAWN, UNEXPLAINED, agreement
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.basics.units import quantity
@@ -18,8 +20,7 @@ from tensegrity_mj.pictures.figure import COLUMN, Figure, common_legend, frame, 
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
-from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.study import AGREEMENT, DRAWN, UNEXPLAINED, agreement
+from tensegrity_mj.studies.stable_steps import start_lines, start_section
 
 Data = Mapping[str, Any]
 
@@ -99,11 +100,9 @@ def _findings(data: Data) -> Iterator[Finding]:
 
 def sections(data: Data) -> Iterator[Section]:
     shown = {name: Picture(*drawn) for name, drawn in pictures(data).items()}
-    heads = ("", "at the start [s]", "worst on the way [s]", "at t [s]", "rod or mass", "string", "remarks")
-    moving, resting = Table("", heads, list(start_rows(data["start"]))), Table("", HEADS, list(rest_rows(data["base"])))
-    yield Section("As it starts and moves", (data["start"]["text"],), [moving])
+    yield start_section(data["start"])
     what = "The base of the maps" if data.get("maps") else "What was measured"
-    yield Section("At rest", (f"{what}: {data['base']['text']}.",), [resting])
+    yield Section("At rest", (f"{what}: {data['base']['text']}.",), [Table("", HEADS, list(rest_rows(data["base"])))])
     if data.get("maps"):
         points = [
             {"property": AXES[row["axis"]][0], "value": row["value"], "engine": TITLES[name], **one}
@@ -238,17 +237,6 @@ def scatter(data: Data) -> Figure:
     return figure
 
 
-def start_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Yield for each engine the limits [s] at the start and at the worst, its time [s], rod, string and remarks."""
-    for name, one in part["engines"].items():
-        if "error" in one:
-            yield TITLES[name], None, None, None, "", "", one["error"]
-            continue
-        worst = one["worst"]
-        remarks = "; ".join(worst["notes"])
-        yield TITLES[name], one["start"]["limit"], worst["limit"], worst["time"], worst["rod"], worst["string"], remarks
-
-
 def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
     """Yield for each engine the limits [s], their ratio, over 2/ω, rod and string, and what explains a difference."""
     for name, one in part["engines"].items():
@@ -261,13 +249,7 @@ def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
 
 def describe(data: dict[str, Any]) -> list[str]:
     """Return the study as lines of text."""
-    rows, failed = [("", "at the start", "worst on the way", "at", "")], []
-    for name, first, worst, time, rod, string, remarks in start_rows(data["start"]):
-        if time is None:
-            failed.append(f"{name}: {remarks}")
-        else:
-            rows.append((name, _shown(first), _shown(worst), f"{time:.4g} s", f"{rod} on {string}" if string else rod))
-    lines = [f"scene {data['scene']}: {data['start']['text']}", *aligned(rows), *failed]
+    lines = start_lines(data["scene"], data["start"])
     lines += ["", f"at rest: {data['base']['text']}"]
     rows = [("", "predicted", "measured", "ratio", "over 2/ω")]
     for name, predicted, measured, ratio, over, *_, cause in rest_rows(data["base"]):
