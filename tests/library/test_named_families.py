@@ -217,6 +217,14 @@ def test_any_of_the_modules_may_be_imported_first(first: str) -> None:
     assert child.returncode == 0, child.stderr
 
 
+def test_a_family_of_the_evidence_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(named, "installed", lambda group: {})
+    for name in named.OF_EVIDENCE:
+        with pytest.raises(FormatError, match=rf"family '{name}' comes with tensegrity-mj-evidence: .* pip install"):
+            tmj.load_scene(f"{name}()")
+    assert set(named.OF_EVIDENCE).isdisjoint(family_names())
+
+
 def test_the_page_of_the_format_has_every_family() -> None:
     section = (ROOT / "docs" / "format" / "running.md").read_text(encoding="utf-8").partition("\n## Families\n")[2]
     rows = re.findall(r"^\|(.+?)\|", section.partition("\n## ")[0], re.MULTILINE)
