@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 
 import tensegrity_mj as tmj
 from evidence.families.in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
+from evidence.families.towers import tower_length
 from evidence.pages import reproduction
 from evidence.thesis.appendix_c import beam_wave_tasks, measures_c
 from evidence.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, STUDIES, BeamRun, wave_label
@@ -28,7 +29,7 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import cross
-from tensegrity_mj.library.tower import tower, tower_length
+from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.model.elements.waves import Wave

@@ -12,8 +12,9 @@ from modal_superposition import response
 from evidence.cable.amplitude import extremes, response_amplitude, whirl
 from evidence.cable.chain import Chain
 from evidence.cable.spectrum import Peak, PeakCriteria, Spectrum, peaks_of, picked, spectrum
+from evidence.families.cables import refined
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import Excitation, Start, cable, refined
+from tensegrity_mj.library.cable import Excitation, Start, cable
 
 T = np.arange(0.0, 45.0 + 1e-9, 0.02)
 

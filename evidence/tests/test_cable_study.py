@@ -16,11 +16,12 @@ from evidence.cable.amplitude import extremes, response_amplitude, whirl
 from evidence.cable.cases import Case, default_step, fastest, run_cases, simulated
 from evidence.cable.chain import Chain
 from evidence.cable.steps import find_step, steps_within
+from evidence.families.cables import refined
 from tensegrity_mj.engines.mujoco.settings import MuJoCo
 from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import Excitation, Start, cable, refined
+from tensegrity_mj.library.cable import Excitation, Start, cable
 from tensegrity_mj.model.elements.resistance import Bending, Resistance, resisting_forces
 from tensegrity_mj.studies.workers import Backend, Workers
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from evidence.thesis import measures
 from evidence.thesis.experiments import TITLES, EngineName, experiment_of
+from evidence.thesis.landscape import draw_landscape
 from evidence.thesis.statement import Runs
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
-from tensegrity_mj.pictures import palette, plots
+from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, common_legend, equal_scales, frame, new_figure
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
     experiment = experiment_of(name)
     law = from_scene(experiment.load(), experiment.law, **experiment.options)
     assert isinstance(law, Lyapunov | Projection)
-    figure = plots.landscape(law, [run for _, run in versions_of(all_runs, name)])
+    figure = draw_landscape(law, [run for _, run in versions_of(all_runs, name)])
     figure.axes[0].set_title(title, fontsize=9.5)
     engines_note(figure, all_runs, "the dot is the start", marks=("full", "dashed"))
     return figure

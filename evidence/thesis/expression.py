@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from evidence.families.cables import pendulum_frequency, suggest_elements
+from evidence.thesis.landscape import angles
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.controllers.landscape import angles
-from tensegrity_mj.library.cable import pendulum_frequency, suggest_elements
 from tensegrity_mj.runs.trajectory import Trajectory
 
 RUNS = "abcdefgh"

@@ -1,7 +1,6 @@
 """The rigid bar cable of the thesis' chapter 3: a hanging chain of rods whose top is moved by a carriage.
 
-    scene = cable(elements=refined(4))          # 49 elements, in-line 0.5 Hz
-    K = suggest_elements(0.8, 2.93).elements    # the procedure of §3.6
+    scene = cable(elements=49)                  # in-line 0.5 Hz
 
 The cable hangs along -z from the origin: a fastening arrangement, a rope and a load at its bottom. The thesis' in-line
 excitation is along y, and its circular one in the xy plane.
@@ -12,7 +11,6 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, instance, positive, whole
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, instance, positive
 from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -36,7 +34,6 @@ FASTENING_LENGTH, FASTENING_MASS = 0.13, 0.0506
 ROPE_LENGTH, ROPE_ELEMENTS, ROPE_ELEMENT_MASS = 2.75, 11, 0.0129
 LOAD_LENGTH, LOAD_MASS = 0.05, 0.0513
 ROPE_RADIUS, END_RADIUS = 0.003, 0.006  # the rope's from Table 3.1; the other one for pictures only
-MARKERS = tuple(0.25 * number for number in range(2, 12))  # Table 3.2: [m] from the top of the rope
 GRAVITY = 9.81  # m/s²
 TOP = "rod1"  # the rod whose upper end is moved
 IN_LINE, OUT_OF_PLANE, UP = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -69,71 +66,10 @@ class Start(enum.Enum):
     LAB_FRAME = "lab frame"  # the carriage moves, all below it is still
 
 
-@dataclass(frozen=True)
-class Elements:
-    """Number of equal elements that a cable is to have.
-
-    Attributes:
-        elements: K.
-        length: length of one element [m].
-        frequency: at which one of them swings by itself [Hz], (3.28).
-    """
-
-    elements: int
-    length: float
-    frequency: float
-
-
-def pendulum_frequency(length: float, gravity: float = GRAVITY) -> float:
-    """f [Hz] of a uniform rod [m] that swings about its end by little, (3.28): √(3 g / 2 ℓ) / 2π.
-
-    Raises:
-        OptionError: for numbers that are not > 0.
-    """
-    ratio = positive("gravity", gravity, "m/s²") / positive("length", length, "m")
-    return math.sqrt(1.5 * ratio) / (2 * math.pi)
-
-
-def suggest_elements(frequency: float, length: float, ratio: float = 2.0, gravity: float = GRAVITY) -> Elements:
-    """The fewest equal elements of a cable that swing by themselves well above an excitation: the procedure of §3.6.
-
-    Args:
-        frequency: frequency of the excitation [Hz].
-        length: length of the cable [m].
-        ratio: how many times above the excitation an element's own frequency is to be, at least; the thesis recommends
-            slightly more than two.
-        gravity: [m/s²].
-
-    Raises:
-        OptionError: for numbers that are not > 0, or that need more than a million elements.
-    """
-    least = positive("ratio", ratio) * positive("frequency", frequency, "Hz")
-    positive("length", length, "m")
-    # (3.28) for ℓ: the frequency of a rod of 1 m, squared, over that of the element, squared.
-    longest = (pendulum_frequency(1.0, gravity) / least) ** 2
-    if not length / longest <= 1e6:
-        raise OptionError(
-            f"frequency = {frequency!r} Hz, length = {length!r} m: elements of {longest:.3g} m would be more than a "
-            "million; request a lower frequency or ratio"
-        )
-    # A quotient that is whole up to round-off is whole: elements of exactly `longest` will do.
-    count = max(1, math.ceil(length / longest * (1 - 1e-12)))
-    return Elements(count, length / count, pendulum_frequency(length / count, gravity))
-
-
-def refined(divisions: int) -> int:
-    """K of §3.5.1: every element of the thirteen but the bottom load divided by 1, 2, ..., 10: 13, 25, ..., 121.
-
-    Raises:
-        OptionError: if that is no integer >= 1.
-    """
-    return 12 * whole("cable: divisions", divisions, 1) + 1
-
-
 def parts(elements: int) -> tuple[int, int]:
     """Return the numbers of elements of the fastening and of the rope; the load is the last one.
 
-    As nearly as whole numbers can be in the proportion 1 : 11 of the thesis' models, which they are for `refined` ones.
+    As nearly as whole numbers can be in the proportion 1 : 11 of the thesis' models, which they are for 12 n + 1.
     """
     fastening = max(1, round((elements - 1) / 12))
     return fastening, elements - 1 - fastening
@@ -154,7 +90,7 @@ class Cable:
 
     Attributes:
         elements: K, 3 or more: those of the fastening and the rope, and the load. 13 is that of §3.3.3, and
-            `refined(2)` ... `refined(10)` are those of §3.5.1.
+            25, 37, ... 121 are those of §3.5.1.
         rope_mass: 0.1419 kg as printed by elements, or the 0.165 kg of Table 3.1.
         excitation: motion of the top, unless a motion is given.
         amplitude: amplitude of the excitation [m]: half its peak-to-peak, or the circle's radius.

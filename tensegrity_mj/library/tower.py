@@ -17,11 +17,9 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterable
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
@@ -30,7 +28,6 @@ from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import scene_of
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, String, Support, Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
@@ -159,17 +156,6 @@ class Tower:
 tower = function_of(Tower)
 
 
-def tower_like(family: Any, **more: Any) -> Scene:
-    """The tower with what another family has in fields of the same names, and with more."""
-    return tower(**shared_fields(Tower, family) | more)
-
-
-def shared_fields(kind: type, family: Any) -> dict[str, Any]:
-    """Return the values of a family's fields that a class has, too, by their names."""
-    names = {one.name for one in fields(kind)} & {one.name for one in fields(family)}
-    return {name: getattr(family, name) for name in names}
-
-
 def form_find(scene: Scene) -> Scene:
     """The tower in the equilibrium of its strings, without gravity and loads, and free at both ends.
 
@@ -186,37 +172,6 @@ def form_find(scene: Scene) -> Scene:
     centre, turned = _frame(found)
     nodes = origin + (found - centre) @ turned.T @ frame
     return scene.with_(structure=structure.with_strings(rest_length=structure.rest_lengths).placed(nodes))
-
-
-def released(scene: Scene, loads: Iterable[Load]) -> Scene:
-    """The scene that starts at rest where constant loads hold it in equilibrium; they let go at t = 0.
-
-    Raises:
-        InfeasibleError: if nothing balances the loads.
-    """
-    return scene.with_(initial_nodes=find_equilibrium(scene.with_(loads=tuple(loads))).nodes)
-
-
-def tower_length(nodes: ArrayLike) -> float:
-    """[m] between the centres of the base and of the top, for the nodes (N, 3) of a tower."""
-    places = np.asarray(nodes, float)
-    return float(np.linalg.norm(places[-3:].mean(axis=0) - places[:3].mean(axis=0)))
-
-
-def base_nodes() -> list[str]:
-    """Names of the three nodes at the free side of the first stage."""
-    return [_node("b", 0, i) for i in range(3)]
-
-
-def top_nodes(stages: int) -> list[str]:
-    """Names of the three nodes at the free side of the last of N stages."""
-    return [_node("t", stages - 1, i) for i in range(3)]
-
-
-def middle_nodes(stages: int) -> list[str]:
-    """Names of six nodes about the middle of N stages: of the stage that is there, or of the two that meet there."""
-    lower, upper = (stages // 2, stages // 2) if stages % 2 else (stages // 2, stages // 2 - 1)
-    return [_node("b", lower, i) for i in range(3)] + [_node("t", upper, i) for i in range(3)]
 
 
 def _proportions(rod_length: float | None, radius: float | None, height: float | None) -> tuple[float, float]:

@@ -6,7 +6,6 @@ Every function returns a matplotlib Figure and writes it where a path is given (
     tmj.pictures.plots.plot_paths([run, reference], "paths.png")
     tmj.pictures.plots.plot_comparison(tmj.compare(run, reference), "comparison.png", runs=[run, reference])
     tmj.pictures.plots.plot_lyapunov(run, "v.png")
-    tmj.pictures.plots.landscape(law, run, "landscape.png")        # V over φ and φ̇, with the run's way over it
 """
 
 from __future__ import annotations
@@ -32,9 +31,6 @@ from tensegrity_mj.runs.comparison import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tensegrity_mj.controllers.landscape import Landscape
-    from tensegrity_mj.controllers.lyapunov import Lyapunov
-    from tensegrity_mj.controllers.projection import Projection
     from tensegrity_mj.runs.approaches import Clearance
     from tensegrity_mj.runs.comparison import Comparison
 
@@ -364,57 +360,6 @@ def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None
             panel.plot(run.time, getattr(run, name), color=palette.CYCLE[color], lw=1.2, label=label)
         run_panels.over_time(panel, f"{figure_text(run.scene.name)}\n{run_panels.law_name(run)}", "$V$ and its terms")
         panel.set_xlabel("time [s]", fontsize=9)
-    return figures.saved(figure, path)
-
-
-def landscape(
-    law: Lyapunov | Projection | Landscape,
-    runs: Trajectory | Sequence[Trajectory] = (),
-    path: PathLike | None = None,
-    *,
-    rod: str | None = None,
-) -> Figure:
-    """Figures 5.1, 6.2 and 6.7: contours of V_φ(φ, φ̇) of one rod, and the ways of runs over them.
-
-    φ is the angle from b_d to b. In space b turns about b_d too; that part of V, V_θ, is not in the picture.
-    Each way starts at a dot.
-
-    Args:
-        law: whose V, or a `landscape.Landscape`.
-        runs: towards a set-point; none for the contours alone.
-        rod: the rod's name; the first by default.
-
-    Raises:
-        OptionError: gains that are no numbers, an unknown rod, a run without a set-point, or a path that cannot be
-            written.
-    """
-    from tensegrity_mj.controllers.landscape import Landscape, angles
-
-    shape = law if isinstance(law, Landscape) else Landscape.of(law, rod)
-    all_runs = run_panels.listed(runs) if isinstance(runs, Trajectory) or len(runs) else []
-    ways = [angles(run, rod) for run in all_runs]
-    top = max([1.0, *(1.1 * float(np.max(np.abs(way.phi_rate))) for way in ways)])
-    figure = figures.new_figure(6.4, 4.6)
-    panel = figure.subplots()
-    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-top, top, 241)
-    contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
-    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
-    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=9)
-    panel.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], [r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$"])
-    panel.set_ylim(-top, top)
-    for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
-        label = (
-            f"{run_panels.law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
-        )
-        color = palette.color_of(2 + number)
-        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=figures.line_style(number), color=color, label=label)
-        panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", color=color)
-    names = {None: "no projection", "current": r"onto $b^\perp$", "target": r"onto $b_d^\perp$"}
-    name = names[shape.onto.value if shape.onto else None]
-    gains = (
-        rf"$\alpha = {shape.alpha:g}$, $\beta = {shape.beta:g}$, $\gamma = {shape.gamma:g}$, $K = {shape.stiffness:g}$"
-    )
-    run_panels.over_time(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
     return figures.saved(figure, path)
 
 

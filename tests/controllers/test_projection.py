@@ -13,10 +13,10 @@ from random_laws import random_law as random_lyapunov
 
 import tensegrity_mj as tmj
 from evidence.random_structures import random_configuration, random_scene, random_structure
+from evidence.thesis.landscape import Landscape, angles, draw_landscape
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import LAWS, Gains, Onto, Projection, from_scene
 from tensegrity_mj.controllers.allocation import StringLimits, least_norm
-from tensegrity_mj.controllers.landscape import Landscape, angles
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.records import StructureRecords
@@ -270,7 +270,7 @@ def test_at_the_pole_angles_are_still_numbers(pinned_rod, runs):
 def test_pictures_of_landscapes_show_the_runs_ways(tmp_path, mirror, runs):
     run = runs["mirror target"]
     law = from_scene(mirror, onto="target")
-    figure = tmj.pictures.plots.landscape(law, run, tmp_path / "figure_6_7.png")
+    figure = draw_landscape(law, run, tmp_path / "figure_6_7.png")
     panel = figure.axes[0]
     line = panel.lines[0]
     assert np.array_equal(line.get_xdata(), angles(run).phi)
@@ -278,9 +278,9 @@ def test_pictures_of_landscapes_show_the_runs_ways(tmp_path, mirror, runs):
     assert panel.get_xlim() == pytest.approx((-math.pi, math.pi))
     assert (tmp_path / "figure_6_7.png").stat().st_size > 10_000
     assert "b_d" in panel.get_title()
-    two = tmj.pictures.plots.landscape(Landscape(), [run, runs["mirror current"]]).axes[0]
+    two = draw_landscape(Landscape(), [run, runs["mirror current"]]).axes[0]
     assert len(two.get_legend().get_texts()) == 2
-    assert not tmj.pictures.plots.landscape(Landscape()).axes[0].lines
+    assert not draw_landscape(Landscape()).axes[0].lines
     parts = tmj.pictures.plots.plot_lyapunov([run, runs["mirror current"]]).axes
     assert len(parts) == 2
     assert np.array_equal(parts[0].lines[1].get_ydata(), run.lyapunov_error)
@@ -298,7 +298,7 @@ def test_landscapes_refuse_what_they_cannot_show(pinned_rod, prism, runs):
     with pytest.raises(tmj.errors.OptionError, match="use a Trajectory"):
         angles("run.nc")  # type: ignore[arg-type]
     with pytest.raises(tmj.errors.OptionError, match="Lyapunov or a Projection"):
-        tmj.pictures.plots.landscape(lambda t, n, v: n)
+        draw_landscape(lambda t, n, v: n)
     path = tmj.Target.path([0.0, 1.0], [pinned_rod.nodes0, pinned_rod.target.nodes[0]])
     moving = pinned_rod.with_(target=path)
     with pytest.raises(tmj.errors.OptionError, match="moves"):

@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import tensegrity_mj as tmj
+from evidence.families.cables import pendulum_frequency, refined, suggest_elements
 from tensegrity_mj.errors import InfeasibleError, OptionError, SceneError, StructureError, TensegrityError
 from tensegrity_mj.library.cable import (
     Excitation,
@@ -24,9 +25,6 @@ from tensegrity_mj.library.cable import (
     arc_lengths,
     cable,
     parts,
-    pendulum_frequency,
-    refined,
-    suggest_elements,
 )
 from tensegrity_mj.library.hanging import Held, catenary, hung, net, suspended_cable
 from tensegrity_mj.library.truss_arm import truss_arm

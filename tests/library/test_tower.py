@@ -22,17 +22,13 @@ from evidence.families.thesis_towers import (
     appendix_beam,
     chapter7_tower,
 )
+from evidence.families.towers import base_nodes, middle_nodes, released, top_nodes, tower_length
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library.tower import (
     Axis,
     Topology,
-    base_nodes,
     form_find,
-    middle_nodes,
-    released,
-    top_nodes,
     tower,
-    tower_length,
 )
 from tensegrity_mj.statics import find_equilibrium
 

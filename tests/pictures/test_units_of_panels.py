@@ -13,6 +13,7 @@ from pages import ROOT
 from panels import base_of, check_one_prefix, check_panels, unit_of
 
 import tensegrity_mj as tmj
+from evidence.thesis.landscape import draw_landscape
 from tensegrity_mj.controllers import from_scene
 from tensegrity_mj.model.members import PointMass
 from tensegrity_mj.model.scene import Scene
@@ -49,7 +50,7 @@ PLOTS = {
     "coordinates": lambda: plots.plot_coordinates(cone_run()),
     "comparison": lambda: plots.plot_comparison(compare(cone_run(), cone_run()), runs=[cone_run(), cone_run()]),
     "clearance": lambda: plots.plot_clearance(tmj.clearance(shaken(), over_time=True)),
-    "landscape": lambda: plots.landscape(from_scene(tmj.load_scene("pinned_rod")), cone_run()),
+    "landscape": lambda: draw_landscape(from_scene(tmj.load_scene("pinned_rod")), cone_run()),
     "paths": lambda: plots.plot_paths(shaken()),
 }
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 import tensegrity_mj as tmj
+from evidence.families.towers import base_nodes, top_nodes
 from evidence.random_taut import random_taut_structure
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.tower import base_nodes, top_nodes, tower
+from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene

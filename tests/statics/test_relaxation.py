@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
+from evidence.families.towers import base_nodes
 from evidence.random_linked import random_linked_structure
 from evidence.random_taut import random_taut_structure
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.tower import base_nodes, tower
+from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold

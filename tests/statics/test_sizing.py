@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from evidence.families.towers import base_nodes, top_nodes
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.library.tower import base_nodes, top_nodes, tower
+from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

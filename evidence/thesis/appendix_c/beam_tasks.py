@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.families.thesis_towers import APPENDIX_STAGES, appendix_beam, chapter7_tower
+from evidence.families.towers import base_nodes, middle_nodes, top_nodes, tower_length
 from evidence.thesis.disturbance import disturbance_of, disturbed
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.tower import base_nodes, form_find, middle_nodes, top_nodes, tower_length
+from tensegrity_mj.library.tower import form_find
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics.boundary import Hold

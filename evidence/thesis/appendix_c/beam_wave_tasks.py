@@ -17,10 +17,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from evidence.families.in_waves import beam_in_waves
+from evidence.families.towers import top_nodes
 from evidence.thesis.disturbance import disturbance_of, disturbed
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.table import engine_of
-from tensegrity_mj.library.tower import top_nodes
 from tensegrity_mj.model.elements.water import sea_of, water_forces
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory

@@ -7,15 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from evidence.families.cables import MARKERS, pendulum_frequency
 from evidence.thesis.chapter3.series import SHOWN, SeriesRun
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.cable import (
     FASTENING_LENGTH,
     LOAD_LENGTH,
-    MARKERS,
     ROPE_LENGTH,
     arc_lengths,
-    pendulum_frequency,
 )
 
 # Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.

@@ -23,6 +23,7 @@ from evidence.cable.cases import (
 )
 from evidence.cable.spectrum import Spectrum, peaks_of, picked
 from evidence.cable.steps import FoundStep, steps_within
+from evidence.families.cables import MARKERS, refined
 from evidence.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from evidence.thesis.experiments import EngineName
 from evidence.thesis.runs import StudyRun, code_digest, place_of
@@ -33,7 +34,7 @@ from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
 from tensegrity_mj.engines.table import engine_of
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
+from tensegrity_mj.library.cable import FASTENING_LENGTH, Excitation, Start, cable
 from tensegrity_mj.linearization.linearizing import linearize
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.codec import Table, read

@@ -13,6 +13,7 @@ where pᵀḃ = -b_dᵀḃ = φ̇ sin φ for a projection onto b⊥, and cos φ 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +23,16 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import not_negative, positive
-from tensegrity_mj.controllers import lyapunov, projection, quadratic_terms
+from tensegrity_mj.basics.texts import figure_text
+from tensegrity_mj.controllers import quadratic_terms
+from tensegrity_mj.controllers.lyapunov import Lyapunov
+from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import directions, rod_number
+from tensegrity_mj.pictures import figure as figures
+from tensegrity_mj.pictures import palette, run_panels
+from tensegrity_mj.pictures.figure import Figure, PathLike
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -55,13 +62,13 @@ class Landscape:
             raise refused(self, text)
 
     @classmethod
-    def of(cls, law: lyapunov.Lyapunov | projection.Projection, rod: str | None = None) -> Landscape:
+    def of(cls, law: Lyapunov | Projection, rod: str | None = None) -> Landscape:
         """The landscape of a law, for one of its rods: the first by default.
 
         Raises:
             OptionError: for another law, an unknown rod, or gains of b that are not multiples of the identity.
         """
-        if not isinstance(law, (lyapunov.Lyapunov, projection.Projection)):
+        if not isinstance(law, (Lyapunov, Projection)):
             raise OptionError(f"a landscape is drawn of a Lyapunov or a Projection law, not of {law!r}")
         record = law.gains[rod_number(law.structure, rod)]
         values = []
@@ -139,3 +146,52 @@ def _numbers(what: str, values: ArrayLike) -> Array:
         return np.asarray(values, float)
     except (TypeError, ValueError):
         raise OptionError(f"{what} = {values!r}; it must be a number or an array of numbers") from None
+
+
+def draw_landscape(
+    law: Lyapunov | Projection | Landscape,
+    runs: Trajectory | Sequence[Trajectory] = (),
+    path: PathLike | None = None,
+    *,
+    rod: str | None = None,
+) -> Figure:
+    """Figures 5.1, 6.2 and 6.7: contours of V_φ(φ, φ̇) of one rod, and the ways of runs over them.
+
+    φ is the angle from b_d to b. In space b turns about b_d too; that part of V, V_θ, is not in the picture.
+    Each way starts at a dot.
+
+    Args:
+        law: whose V, or a `Landscape`.
+        runs: towards a set-point; none for the contours alone.
+        rod: the rod's name; the first by default.
+
+    Raises:
+        OptionError: gains that are no numbers, an unknown rod, a run without a set-point, or a path that cannot be
+            written.
+    """
+    shape = law if isinstance(law, Landscape) else Landscape.of(law, rod)
+    all_runs = run_panels.listed(runs) if isinstance(runs, Trajectory) or len(runs) else []
+    ways = [angles(run, rod) for run in all_runs]
+    top = max([1.0, *(1.1 * float(np.max(np.abs(way.phi_rate))) for way in ways)])
+    figure = figures.new_figure(6.4, 4.6)
+    panel = figure.subplots()
+    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-top, top, 241)
+    contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
+    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
+    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=9)
+    panel.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], [r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$"])
+    panel.set_ylim(-top, top)
+    for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
+        label = (
+            f"{run_panels.law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
+        )
+        color = palette.color_of(2 + number)
+        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=figures.line_style(number), color=color, label=label)
+        panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", color=color)
+    names = {None: "no projection", "current": r"onto $b^\perp$", "target": r"onto $b_d^\perp$"}
+    name = names[shape.onto.value if shape.onto else None]
+    gains = (
+        rf"$\alpha = {shape.alpha:g}$, $\beta = {shape.beta:g}$, $\gamma = {shape.gamma:g}$, $K = {shape.stiffness:g}$"
+    )
+    run_panels.over_time(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
+    return figures.saved(figure, path)
