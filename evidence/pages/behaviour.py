@@ -46,7 +46,7 @@ TIMES = (
 )
 COMMANDS = (
     "scenes",
-    "scenes prism --no-timing --json",
+    "scenes prism --json",
     "run prism --duration 0.1 --json",
     "run prism_drop --duration 0.1 --json",
     "run tower_waves --timestep 2e-3 --duration 0.1 --json",

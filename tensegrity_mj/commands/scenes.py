@@ -24,7 +24,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         schema = model.format_schema()
         return Outcome(schema, to_json(schema, indent=1))
     if options.scene is not None:
-        details = describe(library.load_scene(options.scene), timing=not options.no_timing)
+        details = describe(library.load_scene(options.scene))
         return Outcome(details, _text(details))
     scenes = {name: library.load_scene(name) for name in library.scene_names()}
     kinds = {name: (group, line) for group, lines in shipped().items() for name, line in lines.items()}
@@ -77,13 +77,12 @@ def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
     return "\n".join(lines)
 
 
-def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
-    """Describe a scene's parts and needs; it is valid because it could be loaded. Times are under "timing"."""
+def describe(scene: model.Scene) -> dict[str, Any]:
+    """Describe a scene's parts and needs; it is valid because it could be loaded."""
     from tensegrity_mj.engines.mujoco.needs import requirements
 
     structure = scene.structure
-    needs = requirements(scene, timing).to_dict()
-    measured = needs.pop("timing")
+    needs = requirements(scene).to_dict()
     return {
         "status": "ok",
         "valid": True,
@@ -115,7 +114,6 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "degrees_of_freedom": needs["degrees_of_freedom"],
         "mujoco_velocities": needs["velocities"],
         "needs": {key: value for key, value in needs.items() if key not in ("scene", "degrees_of_freedom")},
-        **({} if measured is None else {"timing": measured}),
         **statics(scene),
         "gravity": scene.gravity,
         "contact": None if scene.contact is None else vars(scene.contact),
@@ -265,28 +263,6 @@ def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
-    """Rows about the cost of a step."""
-    if timing is None:
-        return []
-    micro = 1e6
-    found = {"without a law": timing["passive_run"], "with the law": timing["closed_loop"]}
-    further = " and ".join(f"{micro * value:.3g} µs {which}" for which, value in found.items() if value is not None)
-    if further:
-        further += "; ledger and recording included, set-up not; median over the first "
-        further += f"{timing['run_time']:.3g} s, h = {timing['timestep']:.3g} s"
-    shares = [f"{100 * share:.0f} % {part}" for part, share in timing["shares"].items()]
-    extras = [
-        f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
-        for extra in timing["extras"]
-    ]
-    return [
-        ("a step of the bare model", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
-        ("a further step of a run", further or "no run succeeds"),
-        *[("" if row else "what else would cost", text) for row, text in enumerate(extras)],
-    ]
-
-
 def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
     """Rows about the balance of forces where the scene starts."""
     fluids = ", wind and water included" if data["water"] or "wind" in (data["resistance"] or "") else ""
@@ -329,7 +305,6 @@ def _text(data: dict[str, Any]) -> str:
         *([("singular start", ", ".join(data["singular"]))] if data["singular"] else []),
         *(_balance(data) if control is None else []),
         *_needs(data["needs"]),
-        *_costs(data.get("timing")),
         ("gravity", "none" if not any(data["gravity"]) else f"{data['gravity']} m/s²"),
         ("control", "none" if control is None else ", ".join(f"{key} = {value}" for key, value in control.items())),
         ("contact", "none" if contact is None else ", ".join(f"{key} = {value}" for key, value in contact.items())),

@@ -496,7 +496,7 @@ def test_scenes_lists_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.parametrize(("name", "rows"), [("spine", {"bodies": "4"}), ("massive_string", {"strings": "1"})])
 def test_scenes_counts_what_was_given(name: str, rows: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes", name, "--no-timing"]) == 0
+    assert main(["scenes", name]) == 0
     text = capsys.readouterr().out
     for title, count in rows.items():
         assert re.search(rf"^{title} +{count}$", text, re.MULTILINE)

@@ -251,7 +251,7 @@ def test_runs_and_scenes_report_that_bodies_feel_no_fluid(tmp_path, capsys):
     )
     assert DRY_BODIES.find(windy) == words
     path = tmj.save_scene(windy, tmp_path / "windy.toml")
-    for command in (["run", str(path), "--duration", "0.01"], ["scenes", str(path), "--no-timing"]):
+    for command in (["run", str(path), "--duration", "0.01"], ["scenes", str(path)]):
         assert main(command) == 0
         assert re.search(rf"^left out +{re.escape(words)}$", capsys.readouterr().out, re.MULTILINE)
     one = windy.with_(structure=slung().structure, water=None, initial_velocities=None, duration=0.01)

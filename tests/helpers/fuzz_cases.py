@@ -263,7 +263,7 @@ def command_line(rng: random.Random, folder: Path) -> list[str]:
     for option in options:
         if option.dest == "backend":
             words += ["--backend", "this-process"]
-        elif option.dest == "no_timing" or (option.dest == "json" and rng.random() < 0.3):
+        elif option.dest == "json" and rng.random() < 0.3:
             words.append(option.option_strings[0])
         elif rng.random() < min(0.3, 2.0 / len(options)):
             words += option_words(rng, option, long, folder)

@@ -201,7 +201,7 @@ def test_unknown_scenes_say_that_families_can_be_called() -> None:
 
 
 def test_commands_take_calls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes", "tower(2, axis='z')", "--no-timing", "--json"]) == 0
+    assert main(["scenes", "tower(2, axis='z')", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["name"], len(found["rods"]), len(found["strings"])) == ("tower", 6, 24)
     assert main(["export", "tower(1, name='one')", "--out", str(tmp_path / "one.xml"), "--json"]) == 0

@@ -190,10 +190,10 @@ def test_scenes_are_described_with_their_paths(capsys: pytest.CaptureFixture[str
 
     path = tmp_path / "atwood.toml"
     tmj.save_scene(atwood(), path)
-    assert cli.main(["scenes", str(path), "--no-timing", "--json"]) == 0
+    assert cli.main(["scenes", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["strings"][0]["nodes"] == ["a", "p", "q", "b"]
-    assert cli.main(["scenes", str(path), "--no-timing"]) == 0
+    assert cli.main(["scenes", str(path)]) == 0
 
 
 def test_no_segment_of_a_path_may_vanish_at_the_start() -> None:

@@ -77,7 +77,7 @@ def test_a_prism_of_four_rods_by_hand(tmp_path: Any, capsys: pytest.CaptureFixtu
         sizes[i], sizes[j] = np.linalg.norm(f + axial * b), np.linalg.norm(g - axial * b)
     expected = pytest.approx(float(sizes.max()), rel=1e-12)
     found = {}
-    for command in (["scenes", str(file), "--no-timing"], ["statics", str(file)]):
+    for command in (["scenes", str(file)], ["statics", str(file)]):
         assert main([*command, "--json"]) == 0
         found[command[0]] = json.loads(capsys.readouterr().out)
         assert main(command) == 0
@@ -216,7 +216,7 @@ def test_what_falls_freely_gets_no_advice_to_add_supports(capsys: pytest.Capture
     reported = describe(tmj.load_scene("prism_drop"))
     assert reported["in_equilibrium"]
     assert reported["can_be_prestressed"]
-    assert main(["scenes", "prism_drop", "--no-timing"]) == 0
+    assert main(["scenes", "prism_drop"]) == 0
     assert "nothing holds it against gravity" in capsys.readouterr().out
     # Led along x alone, gravity along it makes it fall, and gravity across it is borne.
     guide = Support.constrained([(0, 1, 0), (0, 0, 1)], 0.5)

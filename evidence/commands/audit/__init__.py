@@ -1,8 +1,8 @@
-"""Check the package itself: promised accuracy, extreme runs, stable steps, drift over long runs, speed."""
+"""Check the package itself: promised accuracy, extreme runs, stable steps, drift over long runs, speed, steps."""
 
 from types import ModuleType
 
-from evidence.commands.audit import drift, extremes, promise, speed, stability
+from evidence.commands.audit import drift, extremes, promise, speed, stability, step
 
 COMMANDS: dict[str, ModuleType] = {
     "extremes": extremes,
@@ -10,4 +10,5 @@ COMMANDS: dict[str, ModuleType] = {
     "stability": stability,
     "drift": drift,
     "speed": speed,
+    "step": step,
 }

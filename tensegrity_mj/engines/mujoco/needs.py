@@ -1,9 +1,7 @@
-"""Size of a scene's MuJoCo model, and the reason for each part of it; `step_timing` measures the cost of a step.
+"""Size of a scene's MuJoCo model, and the reason for each part of it.
 
     needs = tmj.studies.requirements(scene)
     needs.velocities, needs.joints, needs.contact_pairs, needs.reasons
-    needs = tmj.studies.requirements(scene, timing=True)
-    needs.timing.step, needs.timing.shares, needs.timing.extras
 
 A thin rod has no spin about its own axis. MuJoCo has no joint that leaves it out, so that each rod that turns in space
 has one velocity more there than it has degrees of freedom. Each direction in which a motion drives a support is a
@@ -16,7 +14,7 @@ other between two supports, MuJoCo has three rows of constraints a joint.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,9 +30,6 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.stable_step import stable_step
 from tensegrity_mj.vibration.state import State
-
-if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.step_timing import StepTiming
 
 EXPLICIT_STEP = 1e-4  # s: where RK4's largest stable step is below it, a run of seconds takes minutes
 MOST_HANGING = 30  # rods that hang on each other, beyond which a step of the DAE takes less than half of MuJoCo's
@@ -61,7 +56,6 @@ class Requirements:
         hanging: rods of the largest tree of rods that hang on each other; 1 where none share nodes, 0 without rods.
         engine: which engine the structure's size calls for, in words.
         reasons: why each thing beyond the least is there.
-        timing: what a step costs, or None where it was not measured.
     """
 
     scene: str
@@ -82,15 +76,14 @@ class Requirements:
     hanging: int
     engine: str
     reasons: tuple[str, ...]
-    timing: StepTiming | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; measured times under "timing" alone, so that the rest is the same in every run."""
+        """Plain values."""
         return asdict(self)
 
 
-def requirements(scene: Scene, timing: bool = False) -> Requirements:
-    """Count what MuJoCo's model of a scene holds; with `timing` measure also the cost of a step (takes seconds).
+def requirements(scene: Scene) -> Requirements:
+    """Count what MuJoCo's model of a scene holds.
 
     Raises:
         OptionError: if it is no Scene.
@@ -102,11 +95,6 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
     in_mujoco = "mujoco" in able
     engine = MuJoCo() if in_mujoco else engine_of(able[0], 1.0)
     limit = float(stable_step(scene.with_(contact=None), engine, law=None).limit)
-    measured = None
-    if timing and in_mujoco:
-        from tensegrity_mj.engines.mujoco.step_timing import measure
-
-        measured = measure(scene)
     return Requirements(
         scene=scene.name,
         degrees_of_freedom=degrees_of_freedom(scene),
@@ -115,7 +103,6 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
         hanging=largest_tree(scene.structure),
         engine=engine_for_size(scene),
         reasons=tuple(_reasons(scene, limit)) if in_mujoco else (),
-        timing=measured,
     )
 
 
