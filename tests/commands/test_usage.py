@@ -38,7 +38,7 @@ MEANT = {
 # Where nothing is near, the answer says what is allowed or where to look.
 ELSE = {
     "": f"name a command: {', '.join(name for group in ALL.values() for name in group)}",
-    "audit": "audit: name a command: extremes, promise, drift, speed",
+    "audit": "audit: name a command: extremes, promise, stability, drift, speed, step",
     "run": "run: SCENE: missing; see tensegrity-mj run --help",
     "run prism tower": "run: tower: more than it takes; see tensegrity-mj run --help",
     # 'gravity' and 'drift' share three letters of twelve in this order (.5), which is not near.
