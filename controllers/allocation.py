@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.lanes import alone, select
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.strings import string_length
 from tensegrity_mj.errors import OptionError
@@ -57,7 +57,7 @@ def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
     return margin
 
 
-@borrowing
+@alone(0.0)
 def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: Any) -> float:
     """Write the minimizer of ‖u‖_norm (norm 1, 2 or inf) into u and return the margin; u = ū where it is <= 0."""
     n = len(v)
@@ -81,20 +81,17 @@ def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: A
 @inlined
 def least_squares(v: Any, alpha: float, u: Any) -> float:
     """`least_norm` for norm 2 without thresholds and ceilings, part b) of the lemma: u = α v/Σv² over v of α's sign."""
-    need, sign = (alpha, 1.0) if alpha > 0.0 else (-alpha, -1.0)
+    need, sign = select(alpha > 0.0, alpha, -alpha), select(alpha > 0.0, 1.0, -1.0)
     best, square = -np.inf, 0.0
     for i in range(len(v)):
         w = sign * v[i]
         best = max(best, w)
         square += max(w, 0.0) * max(w, 0.0)
-    if need == 0.0 or not best > 0.0:
-        for i in range(len(v)):
-            u[i] = 0.0
-        return np.inf if need == 0.0 else best / need
+    idle = (need == 0.0) | (not best > 0.0)
     mu = need / square
     for i in range(len(v)):
-        u[i] = mu * max(sign * v[i], 0.0)
-    return best / need
+        u[i] = select(idle, 0.0, mu * max(sign * v[i], 0.0))
+    return select(need == 0.0, np.inf, best / need)
 
 
 @borrowing
@@ -214,7 +211,7 @@ def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any
             u[i] = min(level, ceiling[i])
 
 
-@njit
+@alone(None)
 def write_ceilings(nodes: Any, segments: Any, ranges: Any, limits: Any, out: Any) -> None:
     """Write the ceilings at node positions (N, 3) into out (M,); limits are the rows of `StringLimits.packed`."""
     for m in range(len(ranges)):

@@ -30,6 +30,7 @@ from tensegrity_mj.controllers.allocation import (
 from tensegrity_mj.controllers.known import ModelLaw, PackedEffects, described
 from tensegrity_mj.controllers.quadratic_terms import Known, quadratic_terms
 from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.lanes import WIDTHS, all_of, any_of, room_like, select
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
 from tensegrity_mj.dynamics.native.pointers import (
     LAW_SIGNATURE,
@@ -37,7 +38,6 @@ from tensegrity_mj.dynamics.native.pointers import (
     address_of,
     floats,
     inlined,
-    stack_doubles,
 )
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target, standing_targets
@@ -75,7 +75,7 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
     nodes, velocities = floats(nodes_at, (count, 3)), floats(velocities_at, (count, 3))
     influence = floats(room, (count, 3))
     f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
-    pushed = floats(room + 24 * count + 16 * size if own.effects else 0, (2 * count, 3))
+    pushed = floats(room + (24 * count + 16 * size if own.effects else 0), (2 * count, 3))
     status, V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, own, influence, pushed, f)
     if status != SOLVED:
         return FAILED
@@ -92,13 +92,19 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
                 ceiling[m] = limits[0, m]
         margin = least_norm(f, alpha, own.floor, ceiling, own.norm, u)
     report[MARGIN], report[V_ALL], report[V_ERROR], report[V_VELOCITY] = margin, V, V_error, V_velocity
-    return SOLVED if margin > 0.0 else NO_SOLUTION
+    solved = margin > 0.0
+    if not any_of(solved):
+        return NO_SOLUTION
+    if not all_of(solved):
+        for m in range(size):
+            u[m] = select(solved, u[m], np.nan)
+    return SOLVED
 
 
 @c_function(LAW_SIGNATURE, "the law of chapters 5 and 6")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     own = Known(context)
-    room = own.scratch if own.scratch else stack_doubles(_room(own.node_count, own.string_count, own.effects))
+    room = room_like(command_at, own.scratch, _room(own.node_count, own.string_count, own.effects))
     return _evaluate(t, nodes_at, velocities_at, own, command_at, report_at, room)
 
 
@@ -234,8 +240,14 @@ class QuadraticLaw(ModelLaw):
             known=tuple(self.known),
             failure=self._effects.failure if self._effects.in_python else None,
             decay_rate=self.decay_rate,
+            function=_law if self._goes_into_lanes(room) else None,
             stateless=len(scratch) == 0,
         )
+
+    def _goes_into_lanes(self, room: int) -> bool:
+        known = self._known
+        plain = known["bounds"] == UNBOUNDED and known["norm"] == 2.0 and not known["effects"]
+        return bool(plain and room * max(WIDTHS) <= STACK_LIMIT)
 
     def native(self, structure: Structure) -> NativeLaw:
         """The compiled law, for a plant with the same nodes and strings.

@@ -114,19 +114,19 @@ class MemberRecords:
         return self.coordinates(nodes), self.coordinates(velocities)
 
     def coordinates(self, nodes: Array) -> Array:
-        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
+        """q (..., nq) of node positions (..., N, 3), or q̇ of velocities: E is orthogonal to anchors and motions."""
         rods, points, nz = self.rods, self.points, self.translations
-        first, second, sigma = nodes[rods["i"]], nodes[rods["j"]], rods["sigma"][:, None]
-        q = np.zeros(self.nq + 1)  # the last for what a basis has no direction for
+        first, second, sigma = nodes[..., rods["i"], :], nodes[..., rods["j"], :], rods["sigma"][:, None]
+        q = np.zeros((*nodes.shape[:-2], self.nq + 1))  # the last for what a basis has no direction for
         for bases, vectors, start, count in (
             (rods["E"], (1 - sigma) * first + sigma * second, rods["q"], nz),
             (rods["B"], (second - first) / rods["length"][:, None], rods["q"] + nz, rods["nb"]),
-            (points["E"], nodes[points["node"]], points["q"], points["nz"]),
+            (points["E"], nodes[..., points["node"], :], points["q"], points["nz"]),
         ):
             k = np.arange(3)
             places = np.where(k < count[:, None], start[:, None] + k, self.nq)
-            q[places] = (vectors[:, None] @ bases)[:, 0]
-        return q[: self.nq]
+            q[..., places] = (vectors[..., None, :] @ bases)[..., 0, :]
+        return q[..., : self.nq]
 
 
 @once

@@ -236,7 +236,7 @@ def stepping(engine: str, step: float, located: bool) -> Any:
 
 
 @pytest.mark.third_means(
-    "strings.over_rest", "strings.is_taut", "strings.rest_moves", by="an oscillator from s = ds/dt = 0 on"
+    "strings.over_rest", "strings.is_slack", "strings.rest_moves", by="an oscillator from s = ds/dt = 0 on"
 )
 @pytest.mark.parametrize(
     ("engine", "located"), [("DAE", False), ("DAE", True), ("MuJoCo", False), ("MuJoCo", True), ("JAX", False)]

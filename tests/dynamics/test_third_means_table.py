@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-COMPILED = {"borrowing", "inlined", "owning", "njit"}  # decorators
+COMPILED = {"alone", "borrowing", "inlined", "owning", "njit"}  # decorators
 TABLE = runpy.run_path(str(ROOT / "scripts" / "third_means.py"))
 
 

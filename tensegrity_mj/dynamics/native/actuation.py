@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull, spent_since, stretch_of, yield_strings
+from tensegrity_mj.dynamics.native.lanes import all_of, alone, any_of, select
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, HOLD_FORCE_DENSITY, NO_LAW, PlantView
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, call_law, copy
@@ -21,11 +22,11 @@ def _limit_command(table: int) -> None:
     most, least, returns_lengths = plant.max_force_density, plant.min_rest_length, plant.returns_lengths
     for m in range(len(command)):
         if returns_lengths and plant.curved:
-            command[m] = max(command[m], least[m], lengths[m] - stretch_of(plant, m, most[m] * lengths[m]))
+            command[m] = max(max(command[m], least[m]), lengths[m] - stretch_of(plant, m, most[m] * lengths[m]))
         elif returns_lengths:
-            command[m] = max(command[m], least[m], lengths[m] * (1.0 - most[m] / stiffness[m]))
+            command[m] = max(max(command[m], least[m]), lengths[m] * (1.0 - most[m] / stiffness[m]))
         else:
-            command[m] = min(command[m], most[m], stiffness[m] * (1.0 - least[m] / lengths[m]))
+            command[m] = min(min(command[m], most[m]), stiffness[m] * (1.0 - least[m] / lengths[m]))
 
 
 @borrowing
@@ -41,8 +42,11 @@ def evaluate_law(table: int, t: float) -> int:
         finite = True
         for m in range(len(command)):
             finite &= np.isfinite(command[m])
-        if not finite:
+        if not any_of(finite):
             return NOT_FINITE
+        if not all_of(finite):
+            for m in range(len(command)):
+                command[m] = select(finite, command[m], np.nan)
         if plant.limited:
             _limit_command(table)
     elif status != NO_SOLUTION:
@@ -50,7 +54,7 @@ def evaluate_law(table: int, t: float) -> int:
     return status
 
 
-@borrowing
+@alone(None)
 def _curved_lengths(plant: Any, densities: Any, out: Any) -> None:
     """Rest lengths of force densities u, by the curves: L - f⁻¹(u L)."""
     lengths = plant.lengths
@@ -131,23 +135,27 @@ def winch_work(table: int, stored: float) -> float:
     spent = spent_since(table) if plant.yielding else 0.0
     if plant.mode == CONTINUOUS:
         return string_energy(table) + (winch[2] + spent) - winch[1] - stored
-    total = winch[0] + spent if plant.holds_force_density else winch[0]
-    if plant.holds_force_density:
-        held, stiffness, broken = plant.held, plant.stiffness, plant.broken
-        lengths, start = plant.lengths, plant.sampled_lengths
-        for m in range(len(held)):
-            if held[m] > 0.0 and not broken[m]:
-                square = lengths[m] * lengths[m] - start[m] * start[m]
-                if plant.curved:
-                    total -= 0.5 * held[m] * square
-                    for end, sign in ((lengths[m], 1.0), (start[m], -1.0)):
-                        total += sign * curved_energy(plant, m, stretch_of(plant, m, held[m] * end))
-                    continue
-                total -= 0.5 * held[m] * (1.0 - held[m] / stiffness[m]) * square
+    return _held_work(plant, winch[0] + spent) if plant.holds_force_density else winch[0]
+
+
+@alone(0.0)
+def _held_work(plant: Any, total: float) -> float:
+    """The work so far with that since the last sample, of force densities that are held."""
+    held, stiffness, broken = plant.held, plant.stiffness, plant.broken
+    lengths, start = plant.lengths, plant.sampled_lengths
+    for m in range(len(held)):
+        if held[m] > 0.0 and not broken[m]:
+            square = lengths[m] * lengths[m] - start[m] * start[m]
+            if plant.curved:
+                total -= 0.5 * held[m] * square
+                for end, sign in ((lengths[m], 1.0), (start[m], -1.0)):
+                    total += sign * curved_energy(plant, m, stretch_of(plant, m, held[m] * end))
+                continue
+            total -= 0.5 * held[m] * (1.0 - held[m] / stiffness[m]) * square
     return total
 
 
-@borrowing
+@alone(SOLVED)
 def take_sample(table: int, t: float) -> int:
     """Sample the law: renew what is held. Where it has no solution, the rest lengths of this moment are held."""
     plant = PlantView(table)
@@ -181,7 +189,7 @@ def take_sample(table: int, t: float) -> int:
     return status
 
 
-@borrowing
+@alone(False)
 def break_strings(table: int, t: float) -> bool:
     """Break the strings whose time has come; to be called at the start of a step. Their energy is lost."""
     plant = PlantView(table)

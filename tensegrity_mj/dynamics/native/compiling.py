@@ -190,6 +190,8 @@ def _compile(function: Callable[..., Any], signature: str, options: dict[str, An
     from numba.core import sigutils
     from numba.core.ccallback import CFunc
 
+    from tensegrity_mj.dynamics.native import lane_types  # noqa: F401  # which numba must know before it begins
+
     notices.listen()
     with notices.announced(what):
         made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.lanes import alone
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing
 
@@ -41,7 +42,7 @@ def _work(plant: Any, m: int, stretch: float) -> float:
     return pieces[p, ENERGY] + pieces[p, TENSION] * beyond + 0.5 * pieces[p, SLOPE] * beyond * beyond
 
 
-@borrowing
+@alone(0.0)
 def curved_pull(plant: Any, m: int, stretch: float) -> float:
     """Elastic tension [N] of a string at a stretch; zero where it is slack."""
     if stretch <= 0.0:
@@ -52,7 +53,7 @@ def curved_pull(plant: Any, m: int, stretch: float) -> float:
     return pull
 
 
-@borrowing
+@alone(0.0)
 def curved_energy(plant: Any, m: int, stretch: float) -> float:
     """Elastic energy [J] of a string at a stretch."""
     if stretch <= 0.0:
@@ -63,7 +64,7 @@ def curved_energy(plant: Any, m: int, stretch: float) -> float:
     return _work(plant, m, stretch)
 
 
-@borrowing
+@alone(0.0)
 def stretch_of(plant: Any, m: int, pull: float) -> float:
     """The least stretch [m] with that tension [N]; the last point of a curve that stays below. Of ∞, ∞."""
     pieces, limits = plant.pieces, plant.piece_ranges
@@ -80,7 +81,7 @@ def stretch_of(plant: Any, m: int, pull: float) -> float:
     return found
 
 
-@borrowing
+@alone(None)
 def yield_strings(table: int, t: float) -> None:
     """Keep how far strings that yield have been stretched, at a state that a run has come to; what they lose by it.
 
@@ -121,7 +122,7 @@ def _spent(plant: Any, m: int, longest: float) -> float:
     return _work(plant, m, longest) - 0.5 * pull * pull / plant.stiffness[m]
 
 
-@borrowing
+@alone(0.0)
 def spent_since(table: int) -> float:
     """Sum the energy [J] that yielding strings, now longer than ever, have lost since the last state that was kept."""
     plant = PlantView(table)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import called_from_c
+from tensegrity_mj.dynamics.native.lanes import alone
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.motion import motion_at
 from tensegrity_mj.dynamics.native.plant_view import PlantView
@@ -115,7 +116,7 @@ def _counted(element: Any, own: Any, velocities: Any, given: float, lost: float)
     return given, lost
 
 
-@borrowing
+@alone(SOLVED)
 def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any, added: Any) -> int:
     """Set forces on nodes (N, 3; more rows are zero) and α (R, 4) of rods to what a law accounts for; a status.
 

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
-from tensegrity_mj.dynamics.native.compiling import c_function, called_from_c
+from tensegrity_mj.dynamics.native.compiling import CFunction, c_function, called_from_c
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, array_at, borrowing, call_law, floats
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 from tensegrity_mj.dynamics.native.views import Table, view_of
@@ -84,6 +84,8 @@ class NativeLaw:
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last called, in a list of at most one text.
         spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
+        function: the C function, where it answers several runs side by side, too (`native.lanes`), by NaN where there
+            is no solution.
         stateless: its answer depends on its arguments alone, and threads may call it at the same time.
         own: the law as it was given, for an engine that does not call C functions.
     """
@@ -103,6 +105,7 @@ class NativeLaw:
     known: tuple[Any, ...] = ()
     decay_rate: float | None = None
     spent: list[float] | None = None
+    function: CFunction | None = None
     stateless: bool = False
     own: Any = None
 
@@ -113,7 +116,7 @@ WITHIN: dict[str, Any] = {"law": "size", "context": "size"}
 
 def wrapped(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
     """Wrap a law in a C function, which finds it in `packed`, a table with the fields WITHIN."""
-    return replace(inner, address=function.address, context=packed.address, keep=(inner, packed))
+    return replace(inner, address=function.address, context=packed.address, keep=(inner, packed), function=None)
 
 
 def check_made_for(own: Structure, structure: Structure) -> None:

@@ -27,7 +27,10 @@ LOAD_SIGNATURE = "int64(float64, int64)"
 
 
 def reader_of(dtype: Any) -> Any:
-    """A compiled function (address, shape or length) -> array of this dtype, records or numbers, which owns nothing."""
+    """A compiled function (address, shape or length) -> array of this dtype, records or numbers, which owns nothing.
+
+    Numbers behind an address of what lies in lanes (`native.lanes`) are in lanes.
+    """
 
     @intrinsic
     def view(typingctx: Any, address: Any, shape: Any) -> Any:
@@ -36,7 +39,11 @@ def reader_of(dtype: Any) -> Any:
         from numba.core import cgutils
         from numba.np import arrayobj
 
-        kind = numba.from_dtype(np.dtype(dtype))
+        kind, counted = numba.from_dtype(np.dtype(dtype)), types.int64
+        if hasattr(address, "width"):
+            from tensegrity_mj.dynamics.native.lane_types import Lanes
+
+            kind, counted = Lanes(address.width), address
         kinds = list(shape) if isinstance(shape, types.BaseTuple) else [shape]
         array_type = types.Array(kind, len(kinds), "C")
 
@@ -51,7 +58,7 @@ def reader_of(dtype: Any) -> Any:
             arrayobj.populate_array(array, data, extents, strides, strides[-1], None)
             return array._getvalue()
 
-        return array_type(types.int64, shape), codegen
+        return array_type(counted, shape), codegen
 
     return view
 
@@ -59,10 +66,12 @@ def reader_of(dtype: Any) -> Any:
 floats, integers, octets = reader_of("f8"), reader_of("i8"), reader_of("u1")
 
 
-def call_by_address(parameters: str) -> Any:
+def call_by_address(parameters: str, *given: Any) -> Any:
     """Return what numba wants of an intrinsic (address, *arguments) -> int64 that calls the C function at the address.
 
-    `parameters`: a letter each, d for float64 and i for int64.
+    Args:
+        parameters: a letter each, d for float64 and i for int64.
+        given: numba's types of the last ones; addresses of what lies in lanes are whole numbers to a C function.
     """
     from llvmlite import ir
     from numba import types
@@ -72,8 +81,10 @@ def call_by_address(parameters: str) -> Any:
         kind = ir.FunctionType(integer, [ir.DoubleType() if one == "d" else integer for one in parameters])
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
 
-    kinds = {"d": types.float64, "i": types.int64}
-    return types.int64(types.int64, *(kinds[one] for one in parameters)), codegen
+    kinds = [{"d": types.float64, "i": types.int64}[one] for one in parameters]
+    for place, one in enumerate(given, len(kinds) - len(given)):
+        kinds[place] = one if hasattr(one, "width") else kinds[place]
+    return types.int64(types.int64, *kinds), codegen
 
 
 @intrinsic
@@ -81,7 +92,7 @@ def call_law(
     typingctx: Any, function: Any, time: Any, nodes: Any, velocities: Any, context: Any, command: Any, report: Any
 ) -> Any:
     """Call the law at address `function`; the arguments are those of the C function above."""
-    return call_by_address("diiiii")
+    return call_by_address("diiiii", nodes, velocities, context, command, report)
 
 
 @intrinsic
@@ -93,7 +104,7 @@ def call_load(typingctx: Any, function: Any, time: Any, out: Any) -> Any:
 @intrinsic
 def call_timed(typingctx: Any, function: Any, time: Any, one: Any, other: Any, third: Any) -> Any:
     """Call the function of a time and three addresses, `TIMED`, that is at address `function`."""
-    return call_by_address("diii")
+    return call_by_address("diii", one, other, third)
 
 
 @intrinsic
@@ -102,10 +113,16 @@ def address(typingctx: Any, array: Any) -> Any:
     from llvmlite import ir
     from numba import types
 
+    kind = types.int64
+    if hasattr(array.dtype, "width"):
+        from tensegrity_mj.dynamics.native.lane_types import LaneAddress
+
+        kind = LaneAddress(array.dtype.width, False)
+
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ptrtoint(context.make_array(sig.args[0])(context, builder, args[0]).data, ir.IntType(64))
 
-    return types.int64(array), codegen
+    return kind(array), codegen
 
 
 @intrinsic

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.lanes import any_of, select
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
@@ -39,7 +40,7 @@ def resolve_start(table: int, h: float) -> None:
         return
     for n in range(len(rows)):
         row, x, v = rows[n], row_of(nodes, n), row_of(velocities, n)
-        if row[COUNT] == 0.0:
+        if any_of(row[COUNT] == 0.0):
             _put(row, X0, x)
             _put(row, V0, v)
         else:
@@ -49,7 +50,7 @@ def resolve_start(table: int, h: float) -> None:
                 change = minus(v, _at(row, FIRST))
                 if kind == DISCRETE:
                     row[SUM] += 0.5 * h * _length(change)
-                elif row[COUNT] > 1.0:
+                elif any_of(row[COUNT] > 1.0):
                     row[SUM] += h / 24.0 * _length(minus(change, _at(row, CHANGE)))
                 _put(row, CHANGE, change)
         _put(row, FIRST, v)
@@ -71,8 +72,7 @@ def resolve_stage(table: int, stage: int, h: float) -> None:
         third = _at(row, THIRD)
         e3 = h * _length(minus(third, _at(row, SECOND)))
         e4 = h * _length(minus(minus(v, third), minus(third, _at(row, FIRST))))
-        if e3 > 0.0:
-            row[SUM] += min(e4, e4 * e4 / e3) / 30.0
+        row[SUM] += select(e3 > 0.0, min(e4, e4 * e4 / e3) / 30.0, 0.0)
 
 
 @inlined

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull
+from tensegrity_mj.dynamics.native.lanes import any_of, select
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
@@ -31,16 +32,15 @@ def over_rest(plant: Any, m: int, moves: bool) -> float:
     """
     length = plant.lengths[m]
     over = length - plant.rest[m] - plant.permanent[m]
-    if over <= 0.0 and not moves and over >= -EDGE * length and plant.rates[m] > 0.0:
-        over = EDGE * length
-    return float(over)
+    begins = (over <= 0.0) & (not moves) & (over >= -EDGE * length) & (plant.rates[m] > 0.0)
+    return select(begins, EDGE * length, over)
 
 
 @inlined
-def is_taut(plant: Any, m: int, moves: bool) -> bool:
-    """Return whether a string is taut, or kept so."""
+def is_slack(plant: Any, m: int, moves: bool) -> bool:
+    """Return whether a string is slack, broken, or kept slack."""
     state = plant.broken[m]
-    return bool(state == KEPT_TAUT or (state == 0 and over_rest(plant, m, moves) > 0.0))
+    return (state != KEPT_TAUT) & ((state != 0) | (over_rest(plant, m, moves) <= 0.0))
 
 
 @borrowing
@@ -60,7 +60,7 @@ def measure_strings(table: int) -> None:
                 moves += s * (velocities[j, x] - velocities[i, x])
             parts[p] = np.sqrt(square)
             length += parts[p]
-            rate += moves / parts[p] if square > 0.0 else 0.0
+            rate += select(square > 0.0, moves / parts[p], 0.0)
         lengths[m], rates[m] = length, rate
 
 
@@ -86,15 +86,15 @@ def tighten_strings(table: int) -> tuple[float, float]:
     tension, elastic = plant.tensions, plant.elastic
     stored, lost, curved, moves = 0.0, 0.0, plant.curved, rest_moves(plant)
     for m in range(len(rest)):
-        stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
-        if is_taut(plant, m, moves):
-            if curved and stretch > plant.permanent[m]:
-                pull = curved_pull(plant, m, stretch)
-            elif stretch > 0.0 or kept[m]:
-                pull = stiffness[m] * (stretch - plant.permanent[m])
-            total = pull + damping[m] * rates[m]
-            if clipped[m]:
-                total = max(0.0, total)
+        stretch, slack = lengths[m] - rest[m], is_slack(plant, m, moves)
+        pull = select((stretch <= 0.0) & (kept[m] == 0), 0.0, stiffness[m] * (stretch - plant.permanent[m]))
+        if curved:
+            pull = select(stretch > plant.permanent[m], curved_pull(plant, m, stretch), pull)
+        pull = select(slack, 0.0, pull)
+        total = pull + damping[m] * rates[m]
+        if clipped[m]:
+            total = max(0.0, total)
+        total = select(slack, 0.0, total)
         elastic[m], tension[m] = pull, total
         stored += pull * rates[m]
         lost += (total - pull) * rates[m]
@@ -111,8 +111,8 @@ def string_energy(table: int) -> float:
         stretch = lengths[m] - rest[m]
         if curved and broken[m] <= 0:
             total += curved_energy(plant, m, stretch)
-        elif stretch > 0.0 and broken[m] <= 0:
-            total += 0.5 * stiffness[m] * stretch * stretch
+        else:
+            total += select((stretch > 0.0) & (broken[m] <= 0), 0.5 * stiffness[m] * stretch * stretch, 0.0)
     return total
 
 
@@ -123,16 +123,15 @@ def add_string_forces(table: int, forces: Any) -> None:
     nodes, pairs, ranges = plant.nodes, plant.segments, plant.ranges
     lengths, tension = plant.segment_lengths, plant.tensions
     for m in range(len(ranges)):
-        if tension[m] == 0.0:
+        if not any_of(tension[m] != 0.0):
             continue
         for p in range(ranges[m, 0], ranges[m, 1]):
-            if lengths[p] > 0.0:
-                i, j = pairs[p, 0], pairs[p, 1]
-                density = tension[m] / lengths[p]
-                for x in range(3):
-                    pull = density * (nodes[j, x] - nodes[i, x])
-                    forces[i, x] += pull
-                    forces[j, x] -= pull
+            i, j = pairs[p, 0], pairs[p, 1]
+            density = select(lengths[p] > 0.0, tension[m] / lengths[p], 0.0)
+            for x in range(3):
+                pull = density * (nodes[j, x] - nodes[i, x])
+                forces[i, x] += pull
+                forces[j, x] -= pull
 
 
 @inlined
@@ -149,4 +148,4 @@ def string_length(nodes: Any, segments: Any, limits: Any) -> float:
 def share(length: float, span: Any) -> float:
     """L/l of a segment along `span`: a force density u = T/L of its string pulls it with u L/l times its span."""
     square = dot(span, span)
-    return length / np.sqrt(square) if square > 0.0 else 1.0
+    return select(square > 0.0, length / np.sqrt(square), 1.0)

@@ -12,6 +12,8 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, lower_getattr_generic, lower_setattr_generic, models, register_model
 from numba.np import arrayobj
 
+from tensegrity_mj.dynamics.native.lane_types import Lanes
+
 Field = str | tuple[Any, ...]
 
 WORD = ir.IntType(64)
@@ -23,12 +25,16 @@ class View(types.Type):  # type: ignore[misc]
     Attributes:
         fields: (name, field) of each, in the order of the table.
         fixed: whether sizes and addresses never change.
+        lanes: the type of the address of a table in lanes, or None.
+        same: names of the arrays of reals that lanes have in common.
     """
 
-    def __init__(self, name: str, fields: tuple[tuple[str, Field], ...], fixed: bool) -> None:
-        self.fields, self.fixed = fields, fixed
+    def __init__(
+        self, name: str, fields: tuple[tuple[str, Field], ...], fixed: bool, lanes: Any = None, same: Any = ()
+    ) -> None:
+        self.fields, self.fixed, self.lanes, self.same = fields, fixed, lanes, same
         of = ", ".join(f"{key}: {_text(field)}" for key, field in fields)
-        super().__init__(name=f"{name}{'' if fixed else ' changing'}({of})")
+        super().__init__(name=f"{name}{'' if fixed else ' changing'}{'' if lanes is None else f' {lanes}'}({of})")
 
     def place(self, name: str) -> int:
         """Return the place of a field in the table; -1 for none."""
@@ -39,9 +45,16 @@ class View(types.Type):  # type: ignore[misc]
         field = dict(self.fields).get(name)
         if field is None:
             return None
+        if field == "table" and self.lanes is not None:
+            return self.lanes
+        if field == "each" and self.lanes is not None:
+            return Lanes(self.lanes.width)
         if isinstance(field, str):
-            return types.float64 if field == "real" else types.int64
-        return types.Array(numba.from_dtype(np.dtype(field[0])), len(field) - 1, "C")
+            return types.float64 if field in ("real", "each") else types.int64
+        kind = numba.from_dtype(np.dtype(field[0]))
+        if self.lanes is not None and kind is types.float64 and name not in self.same:
+            kind = Lanes(self.lanes.width)
+        return types.Array(kind, len(field) - 1, "C")
 
 
 def _text(field: Field) -> str:
@@ -82,15 +95,17 @@ def _word(builder: Any, view: View, value: Any, name: str) -> Any:
 @lower_getattr_generic(View)
 def _get(context: Any, builder: Any, view: View, value: Any, name: str) -> Any:
     field = dict(view.fields)[name]
-    if field == "real":
+    if field == "real" or (field == "each" and view.lanes is None):
         return builder.load(_address(builder, view, value, name, ir.DoubleType()))
     word = _word(builder, view, value, name)
+    if field == "each":
+        return builder.load(builder.inttoptr(word, context.get_value_type(view.type_of(name)).as_pointer()))
     if isinstance(field, str):
         return word
     kind = view.type_of(name)
     array = context.make_array(kind)(context, builder)
     extents = [_word(builder, view, value, extent) if isinstance(extent, str) else WORD(extent) for extent in field[1:]]
-    size = WORD(np.dtype(field[0]).itemsize)
+    size = WORD(np.dtype(field[0]).itemsize * getattr(kind.dtype, "width", 1))
     strides = [size]
     for extent in reversed(extents[1:]):
         strides.insert(0, builder.mul(strides[0], extent))
@@ -104,8 +119,11 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
     view = signature.args[0]
     field, kind = dict(view.fields)[name], view.type_of(name)
     elsewhere = not view.fixed and not isinstance(field, str)
-    assert elsewhere or field in ("real", "state"), f"{name} is not for compiled code to change"
+    assert elsewhere or field in ("real", "each", "state"), f"{name} is not for compiled code to change"
     value = context.cast(builder, args[1], signature.args[1], kind)
+    if field == "each" and view.lanes is not None:
+        builder.store(value, builder.inttoptr(_word(builder, view, args[0], name), value.type.as_pointer()))
+        return
     if elsewhere:  # an array, of which the table has the address
         kind, value = types.int64, builder.ptrtoint(context.make_array(kind)(context, builder, value).data, WORD)
     builder.store(value, _address(builder, view, args[0], name, context.get_value_type(kind)))

@@ -21,8 +21,9 @@ to be taken once, before a loop. Reals and states may be written; setting an arr
 from __future__ import annotations
 
 import functools
+import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,20 @@ import numpy as np
 from tensegrity_mj.dynamics.native.compiling import intrinsic
 from tensegrity_mj.dynamics.native.pointers import address_of
 
-# A field: "size" (a whole number: of an array, a choice, an address), "state" (one that compiled code changes), "real",
-# or an array as (dtype, extents...), each a size by name or a number.
+# A field: "size" (a whole number: of an array, a choice, an address), "state" (one that compiled code changes), "table"
+# (the address of another), "real", or an array as (dtype, extents...), each a size by name or a number. In lanes
+# (`native.lanes`) arrays of reals have one of each a lane, but for the names in `SAME`; and so have "each",
+# which are reals elsewhere, and of which the table then has addresses.
 Field = str | tuple[Any, ...]
 # Version of the code that a view compiles to: compiled code of an older one is not used.
 STAMP = zlib.crc32(Path(__file__).with_name("view_types.py").read_bytes())
 Fields = tuple[tuple[str, Field], ...]
+REALS = ("real", "each")
+# What all lanes have in common where a structure's numbers do not vary.
+SAME = frozenset(
+    ("stiffness", "compliance", "damping", "gravity", "max_force_density", "min_rest_length", "winch_reach")
+)
+ALIGNMENT = 64  # bytes of the widest register
 _NUMBERS = {number: number for number in range(64)}  # that extents may be
 
 
@@ -86,7 +95,7 @@ class Table:
         place, kind, _, _ = self._layout[name]
         if not kind:
             return self.arrays[name]
-        return float(self._reals[place]) if kind == "real" else int(self.table[place])
+        return float(self._reals[place]) if kind in REALS else int(self.table[place])
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set one field, as `set` does."""
@@ -101,7 +110,7 @@ class Table:
         layout, sizes, table = self._layout, self.sizes, self.table
         for name, value in values.items():
             place, kind, _, _ = layout[name]
-            if kind == "real":
+            if kind in REALS:
                 self._reals[place] = value
             elif kind:
                 if isinstance(value, Table | np.ndarray):
@@ -123,12 +132,38 @@ class Table:
             self.arrays[name] = value
             table[place] = address_of(value)
 
+    def in_lanes(self, width: int) -> Table:
+        """A table for `native.lanes`, its arrays with the numbers of this one in each lane."""
+        made = Table.__new__(Table)
+        made.view, made._layout, made.sizes = self.view, self._layout, dict(self.sizes)
+        made.table, made.arrays = self.table.copy(), dict(self.arrays)
+        made._reals, made.address = made.table.view(np.float64), address_of(made.table)
+        for name, (_, kind, dtype, _) in self._layout.items():
+            if kind == "each" or (not kind and dtype.str == "<f8" and name not in SAME):
+                made.lend(name, lanes_of(np.asarray(self[name]), width))
+        return made
+
+    def lend(self, name: str, array: np.ndarray[Any, Any]) -> None:
+        """Set the address of an array in lanes."""
+        self.arrays[name] = array
+        self.table[self._layout[name][0]] = address_of(array)
+
     def take(self, other: Table) -> None:
         """Take over what another table of these fields has set, and share its arrays."""
         given = other.table != 0
         self.table[given] = other.table[given]
         self.arrays |= other.arrays
         self.sizes |= other.sizes
+
+
+def lanes_of(array: np.ndarray[Any, Any], width: int, blocks: Sequence[int] = ()) -> np.ndarray[Any, Any]:
+    """An array (*blocks, ..., width) of float64 with this one (...) in each lane, where registers can load it."""
+    shape = (*blocks, *array.shape, width)
+    room = np.empty(math.prod(shape) + ALIGNMENT // 8)
+    first = -room.ctypes.data % ALIGNMENT // 8
+    out = room[first : first + math.prod(shape)].reshape(shape)
+    out[:] = array[..., None]
+    return out
 
 
 def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:
@@ -164,6 +199,8 @@ def _viewer(name: str, given: Fields, fixed: bool) -> Any:
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return args[0]
 
+        if hasattr(address, "width"):
+            return View(name, given, True, address, () if address.varied else SAME)(address), codegen
         return View(name, given, fixed)(types.int64), codegen
 
     return at

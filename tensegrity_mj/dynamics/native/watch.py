@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.lanes import any_of, select
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing
@@ -30,8 +31,8 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
     rest, broken, seen, k = plant.rest, plant.broken, plant.watched, plant.stiffness
     M = len(rest)
     for m in range(M):
-        if rest[m] <= 0.0 and not broken[m] and k[m] > 0.0:
-            _count(seen[m], rest[m], t, 0)
+        if not broken[m]:
+            _count(seen[m], (rest[m] <= 0.0) & (k[m] > 0.0), rest[m], t, 0)
     if not answered or plant.returns_lengths:
         return
     command, stiffness, lengths, least = plant.command, plant.stiffness, plant.lengths, plant.min_rest_length
@@ -40,20 +41,21 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
         largest = max(largest, abs(command[m]))
     for m in range(M):
         push = -command[m] > PUSH_ROUND_OFF * largest + STRAIN_ROUND_OFF * stiffness[m]
-        if push and plant.limited:
+        if plant.limited:
             # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
-            push = command[m] < stiffness[m] * (1.0 - least[m] / lengths[m])
-        if push and not broken[m]:
-            _count(seen[m], command[m], t, PUSH)
+            push = push & (command[m] < stiffness[m] * (1.0 - least[m] / lengths[m]))
+        if not broken[m]:
+            _count(seen[m], push, command[m], t, PUSH)
 
 
 @borrowing
-def _count(seen: Any, value: float, t: float, at: int) -> None:
-    if seen[at + STEPS] == 0.0:
-        seen[at + FIRST] = t
-        seen[at + LEAST] = value
-    seen[at + STEPS] += 1.0
-    seen[at + LEAST] = min(seen[at + LEAST], value)
+def _count(seen: Any, hit: bool, value: float, t: float, at: int) -> None:
+    if any_of(hit):
+        first = hit & (seen[at + STEPS] == 0.0)
+        seen[at + FIRST] = select(first, t, seen[at + FIRST])
+        least = select(first, value, seen[at + LEAST])
+        seen[at + LEAST] = select(hit, min(least, value), seen[at + LEAST])
+        seen[at + STEPS] += select(hit, 1.0, 0.0)
 
 
 def impossible(plant: Plant) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -20,7 +20,7 @@ from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats, inlined
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
-from tensegrity_mj.dynamics.native.strings import is_taut, measure_segments, rest_moves, tighten_strings
+from tensegrity_mj.dynamics.native.strings import is_slack, measure_segments, rest_moves, tighten_strings
 from tensegrity_mj.dynamics.native.vectors import cross, minus, put, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.mujoco.contact import spin_energy, write_state
@@ -325,7 +325,7 @@ def set_controls(table: int) -> bool:
     broken, damped, clipped, curved, moves = run.broken, run.damped, run.clipped, run.curved, rest_moves(run)
     sane = True
     for m in range(len(ctrl)):
-        slack = not is_taut(run, m, moves)
+        slack = is_slack(run, m, moves)
         if curved:
             ctrl[m] = _curved_control(run, m, slack)
         else:

@@ -143,6 +143,7 @@ def _rods_alone(request: Request) -> _Model:
         place=dae.dae_place,
         accelerate=dae.dae_accelerate,
         project=dae.dae_normalize,
+        lanes=True,
     )
     return plant, records, equations
 

@@ -23,6 +23,7 @@ from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_leng
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.curves import yield_strings
 from tensegrity_mj.dynamics.native.elements import let_act
+from tensegrity_mj.dynamics.native.lanes import one_of
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import PlantView
@@ -42,7 +43,7 @@ MODEL = fields_of(
     guard_function="size",
     coordinates="size",
     state_size="size",
-    given="real",  # [W] from outside at a stage: models add that of supports and of what answers accelerations
+    given="each",  # [W] from outside at a stage: models add that of supports and of what answers accelerations
     gravity=("f8", 3),
     kp="real",  # Baumgarte's gains of (3.25), or zero
     kd="real",
@@ -123,7 +124,8 @@ def rates(t: float, y: Any, dy: Any, table: int) -> int:
 @inlined
 def _on_state(function: int, y: Any, table: int) -> int:
     """Call a function of the model on a state, whose time it has where supports move; return its answer."""
-    return call_timed(function, y[2 * ModelView(table).coordinates], address(y), 0, table) if function else SOLVED
+    at = one_of(y[2 * ModelView(table).coordinates])
+    return call_timed(function, at, address(y), 0, table) if function else SOLVED
 
 
 @njit

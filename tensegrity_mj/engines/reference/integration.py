@@ -50,6 +50,7 @@ class Equations:
         project: puts a state where constraints hold.
         guard: says whether the coordinates can hold a state.
         extra: numbers that `accelerate` leaves behind λ: gaps of closed loops, and then forces of constraints.
+        lanes: whether several runs go side by side through these functions (`in_lanes`).
         explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
@@ -58,6 +59,7 @@ class Equations:
     project: CFunction | None = None
     guard: CFunction | None = None
     extra: int = 0
+    lanes: bool = False
     explain_singular: Callable[[float], str] = str
 
 
@@ -136,7 +138,7 @@ class IntegratedRun:
 
 
 STEPPER = fields_of(  # a run in fixed steps
-    table="size",  # address of its plant's
+    table="table",  # its plant's
     steps="state",  # number of the step that is reached
     evaluations="state",
     y=("f8", "size"),  # the state: always one that the model can hold, that of the step reached
@@ -183,10 +185,15 @@ class FixedSteps:
             return first if self.lost else own["steps"] - grid.first
 
         if drive(grid, self.request, f"{run.name} RK4", advance):
-            if not run.options.locate_slack:
-                self.end = {"end": saved_state(run.options, self.plant, y=run.y)}
-            self.plant["total"] -= 1
-            self.status = rk4_steps(own.address, own["steps"], 0)
+            self.arrive()
+
+    def arrive(self) -> None:
+        """Keep the state after all steps, and record the last row."""
+        run, own = self.run, self.own
+        if not run.options.locate_slack:
+            self.end = {"end": saved_state(run.options, self.plant, y=run.y)}
+        self.plant["total"] -= 1
+        self.status = rk4_steps(own.address, own["steps"], 0)
 
     @property
     def cost(self) -> dict[str, int]:

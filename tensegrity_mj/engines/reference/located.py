@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.lanes import alone
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.pointers import copy
 from tensegrity_mj.dynamics.native.resolution import NONE, resolve_stage, resolve_start
@@ -86,7 +87,7 @@ def _set_strings(table: int, t: float, x: Any, k: Any) -> tuple[int, int]:
     return SOLVED, 0
 
 
-@njit
+@alone((SOLVED, 0, False, SOLVED))
 def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple[int, int, bool, int]:
     """A step as `rk4_stages`, split where strings begin or cease to pull, and x put where the model can hold it.
 
