@@ -234,6 +234,7 @@ def piece(kind, length, rate, t):
 @pytest.mark.third_means(
     "actuation.take_sample",
     "actuation.winch_work",
+    "actuation._held_work",
     "strings.string_energy",
     by="an oscillator from sample to sample, and the energy gained between them",
 )
