@@ -58,6 +58,12 @@ ENGINES = {
         limits=(
             Limit(has.BODIES & has.CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
             Limit(
+                has.CLASS_K & has.HELD_SPIN,
+                "bodies that hang on each other turn relative to each other, so that nothing holds one about its own "
+                "axis alone",
+                "let rods turn (contact with spin = 'free')",
+            ),
+            Limit(
                 has.CONSTRAINTS & has.CONTACT,
                 "forces of constraints are found before those of contact are known",
                 f"{_WITHOUT_CONTACT}, or hold nodes by supports",

@@ -373,11 +373,9 @@ class _Reader:
         if floor is not None:
             normal = self.data.geom_xmat[floor].reshape(3, 3)[:, 2]
             place = {"floor": float(normal @ self.data.geom_xpos[floor]), "normal": tuple((normal + 0.0).tolist())}
-        return {
-            "contact": Contact(
-                **place, rods=between, friction=friction, stiffness=-first, damping=-second, impedance=impedance
-            )
-        }
+        options = {**place, "rods": between, "friction": friction, "stiffness": -first}
+        found, usual = Contact(**options, damping=-second, impedance=impedance), Contact(**options)
+        return {"contact": usual if usual.spring == found.spring else found}
 
 
 def _clean(direction: Array) -> list[float]:

@@ -89,6 +89,12 @@ def _closed(scene: Scene) -> str:
     return f"rods close a loop at node '{scene.structure.node_names[closures[0][0]]}'" if closures else ""
 
 
+def _held(scene: Scene) -> str:
+    from tensegrity_mj.model.elements.contact import holds_spin
+
+    return "contact holds the spin of rods" if holds_spin(scene) else ""
+
+
 def _pushing(scene: Scene) -> str:
     pairs = zip(scene.structure.strings, scene.structure.clipped, strict=True)
     names = (string.name for string, clipped in pairs if string.damping and not clipped)
@@ -113,6 +119,7 @@ def _first(template: str, members: str, has: Callable[[Any], Any] = lambda one: 
 
 
 CONTACT = Trait(lambda scene: "" if scene.contact is None else f"scene '{scene.name}' has contact")
+HELD_SPIN = Trait(_held)
 ELASTIC = _first("rod '{0.name}' is elastic", "structure.rods", lambda rod: rod.stiffness is not None)
 ELASTIC_HELD_BETWEEN = _first(
     "elastic rod '{0.name}' is held between its ends",

@@ -13,6 +13,7 @@ from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
 from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.structure import Structure
 
 NONE = (0.0, 0.0, 0.0)
@@ -41,6 +42,15 @@ def centers_and_moments(mass: Any, length: Any, lumps: Any = NONE) -> tuple[Any,
     center = (0.5 * mass + first) / (mass + total)
     beside = mass * (0.5 - center) ** 2 + (second - 2 * center * first + center**2 * total)
     return center, mass * length**2 / 12 + length**2 * beside
+
+
+def axial_moment(rod: Rod) -> float:
+    """Moment of inertia [kg m²] of a rod about its own axis: of its section, as of a round one, or a solid cylinder.
+
+    What it carries are points on the axis.
+    """
+    section = rod.section
+    return rod.mass * (0.5 * rod.radius**2 if section is None else 2 * section.second_moment / section.area)
 
 
 def mass_products(mass: Any, lumps: Any = NONE) -> tuple[Any, Any, Any]:

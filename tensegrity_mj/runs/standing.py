@@ -64,7 +64,7 @@ def standing(run: Trajectory, near: float | None = None) -> Standing:
     if contact is None or contact.floor is None:
         raise OptionError(f"scene '{run.scene.name}' has no floor to stand on: give it contact = {{ floor = 0.0 }}")
     names = np.array(structure.node_names)
-    near = contact.impedance[2] if near is None else near
+    near = contact.spring.impedance[2] if near is None else near
     touching = [floor_gaps(structure, contact, nodes) < near for nodes in run.nodes]
     path = centre_of_mass(structure, run.nodes)
     margins = [

@@ -120,7 +120,7 @@ def _engine_of_run(scene: Scene, law: Any) -> Any:
         return DAE()
     found: StableStep = stable_step(scene, MuJoCo(1.0), law=law)
     # Limits by contact: 1/√k of its spring and 2/b of its damper.
-    contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.damping, 1e-12))
+    contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.spring.damping, 1e-12))
     step = FINE * min(found.limit, contact)
     return MuJoCo(scene.duration / math.ceil(scene.duration / step))
 

@@ -36,18 +36,18 @@ SLACK = 1 + 1e-9  # of steps that are just at a bound
 def small_motion(contact: Contact, depth: Array) -> tuple[Array, Array]:
     """K [1/s²] and D [1/s] of a contact that rests at depths r >= 0 [m]."""
     d, slope = impedance(contact, depth)
-    d1 = contact.impedance[1]
-    K = contact.stiffness / d1**2 * (d**2 + slope * depth * (2 * d + d**2 / (1 - d)))
-    return K, contact.damping / d1 * d
+    stiffness, damping, (_, d1, *_) = contact.spring
+    K = stiffness / d1**2 * (d**2 + slope * depth * (2 * d + d**2 / (1 - d)))
+    return K, damping / d1 * d
 
 
 def contact_limit(contact: Contact, scheme: Scheme, depth: float | None = None) -> float:
     """The largest stable step [s] of a contact that rests at a depth [m], or at the worst of all depths."""
-    width = contact.impedance[2]
+    _, damping, (_, d1, width, *_) = contact.spring
     depths = np.linspace(0.0, width, DEPTHS + 1) if depth is None else np.array([depth])
     K, D = small_motion(contact, depths)
     if contact.friction > 0:
-        K, D = np.append(K, 0.0), np.append(D, contact.damping / contact.impedance[1])
+        K, D = np.append(K, 0.0), np.append(D, damping / d1)
     if scheme is not Scheme.RUNGE_KUTTA:
         over = D + np.sqrt(D**2 + 4 * K)
         return float(4 / over.max()) if over.max() > 0 else math.inf
@@ -56,8 +56,8 @@ def contact_limit(contact: Contact, scheme: Scheme, depth: float | None = None) 
 
 
 def contact_rate(contact: Contact) -> float:
-    """|s| [1/s] of the faster root of s² + damping s + stiffness = 0: 1 / (5 ms) by default."""
-    return float(np.abs(_roots(np.array([contact.stiffness]), np.array([contact.damping]))).max())
+    """|s| [1/s] of the faster root of s² + damping s + stiffness = 0: 1 / (2.5 ms) by default."""
+    return float(np.abs(_roots(*np.array([contact.spring[:2]]).T)).max())
 
 
 def resolving_step(contact: Contact, scheme: Scheme) -> float:

@@ -145,7 +145,7 @@ def test_sliding_and_sticking_on_a_slope() -> None:
         depths = 0.0 - run.nodes[-1, :, 2]
         d = np.array([impedance(contact, depth) for depth in depths])
         softness = (1 - d) / d * (4 / 2.0) / FRICTION_IMPEDANCE
-        creep = 2.0 * G * np.sin(tilt) / np.sum(contact.damping / contact.impedance[1] / softness)
+        creep = 2.0 * G * np.sin(tilt) / np.sum(contact.spring.damping / contact.spring.impedance[1] / softness)
         np.testing.assert_allclose(speed[late], creep, rtol=1e-5)
         assert 0 < creep < 2e-4
 
@@ -210,12 +210,13 @@ def test_the_work_of_contact_is_counted_with_every_integrator(integrator: tmj.In
 def test_multipliers_know_the_forces_of_contact(integrator: tmj.Integrator) -> None:
     """λ of a tilted rod that slides as it lands, against the floor's force from the motion that was recorded.
 
-    The force is F = m (r̈ - g), with r̈ by central differences over 2h = 4e-5 s of a contact whose rates are below
-    1e3 /s: they err by (1e3 h)²/6, and one-stage integrators by the half step between force and speed, 1e3 h: 0.02.
+    The force is F = m (r̈ - g), with r̈ by central differences over 2h = 4e-6 s of a contact that grows hard over its
+    width of 0.5 mm, at a rate of up to 2 · 1.4 m/s / width = 6e3 /s: they err by (6e3 h)²/6, and one-stage integrators
+    by the half step between force and speed, 6e3 h: 0.012.
     """
-    scene, h = falling_rod(0.4).with_(contact=replace(SMOOTH, friction=0.3)), 2e-5
+    scene, h = falling_rod(0.4).with_(contact=replace(SMOOTH, friction=0.3)), 2e-6
     scene = scene.with_(initial_nodes=scene.nodes0 - [0, 0, 0.099], initial_velocities=[[0, 0, -1.4]] * 2)
-    run = tmj.simulate(scene, None, tmj.MuJoCo(h, integrator), duration=0.04, output_interval=h)
+    run = tmj.simulate(scene, None, tmj.MuJoCo(h, integrator), duration=0.01, output_interval=h)
     inner = np.flatnonzero(np.array(run.reports["contact"]["touching"]) > 0)[4:-4]
     assert len(inner) > 100
     b, rate = ((values[:, 1] - values[:, 0]) / 0.6 for values in (run.nodes, run.velocities))
@@ -373,14 +374,14 @@ def test_mujoco_takes_all_that_is_allowed_as_it_is(values: tuple[float, float, f
         k, b, found = data.efc_KBIP[data.contact[0].efc_address][:3]
         assert found == pytest.approx(d, rel=1e-12)
         assert k == pytest.approx(contact.stiffness / d1**2, rel=1e-12)
-        assert b == pytest.approx(contact.damping / d1, rel=1e-12)
+        assert b == pytest.approx(contact.spring.damping / d1, rel=1e-12)
         assert data.contact[0].friction[0] == 1e5
         assert np.all(np.isfinite(data.qacc))
 
 
 def test_files_hold_contact_without_loss() -> None:
     scene = tmj.load_scene("prism_drop")
-    odd = Contact(-0.1, (0.1, 0.0, 2.0), True, 0.25, 1e5, 321.5, (0.3, 0.9, 1e-3, 0.4, 3.0))
+    odd = Contact(-0.1, (0.1, 0.0, 2.0), True, 0.25, 1e5, 321.5, (0.3, 0.9, 1e-3, 0.4, 3.0), spin="free")
     for contact in (scene.contact, odd, Contact(rods=True), None):
         other = scene.with_(contact=contact)
         assert scene_from_toml(scene_to_toml(other)) == other
@@ -400,7 +401,7 @@ def test_files_hold_contact_without_loss() -> None:
 def test_sweeps_reach_the_parameters_of_contact() -> None:
     settings = {"scene.contact.friction": 0.1, "scene.contact.stiffness": encoded(Scaled(2.0))}
     draft = Draft(tmj.load_scene("prism_drop")).apply(settings)
-    assert draft.scene.contact == Contact(floor=0.0, friction=0.1, stiffness=8e4)
+    assert draft.scene.contact == Contact(floor=0.0, friction=0.1, stiffness=3.2e5)
     for scene, path, message in (
         ("prism", "scene.contact.friction", "no contact"),
         ("prism_drop", "scene.contact.fiction", "fiction"),

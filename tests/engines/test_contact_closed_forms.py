@@ -15,7 +15,7 @@ from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.runs.standing import standing
 
 G = 9.81
-FREQUENCY = 200.0  # √stiffness [rad/s], of the default stiffness
+FREQUENCY = 400.0  # √stiffness [rad/s], of the default stiffness
 CONSTANT = (0.95, 0.95, 2e-3, 0.5, 2.0)  # an impedance that is the same at every depth
 
 
@@ -53,7 +53,7 @@ def test_a_rod_bounces_with_the_restitution_of_a_damped_spring(ratio: float, spe
 
 def unbalanced(depth: float, contact: Contact) -> float:
     """What is left [m/s²] of stiffness d² r = g d₁² (1 - d), which holds where a lone body rests."""
-    d0, d1, width, middle, power = contact.impedance
+    d0, d1, width, middle, power = contact.spring.impedance
     x = min(depth / width, 1.0)
     share = middle * (x / middle) ** power if x <= middle else 1 - (1 - middle) * ((1 - x) / (1 - middle)) ** power
     d = d0 + (d1 - d0) * share

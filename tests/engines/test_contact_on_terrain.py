@@ -76,7 +76,7 @@ def test_a_rod_slides_down_a_ramp_as_coulomb_has_it() -> None:
 
 
 def test_a_rod_rolls_down_a_slope_and_friction_of_rolling_slows_it() -> None:
-    """a = g (sin α - c/ρ cos α) / (1 + I/(m ρ²)), where I = m L²/12 about its axis, too, and ρ is less than its radius.
+    """a = g (sin α - c/ρ cos α) / (1 + I/(m ρ²)), where I = m r²/2 of a cylinder, and ρ is less than its radius.
 
     A contact is in the middle of the overlap: ρ = r - depth/2. What sticks creeps at a speed that stays: without c the
     law is exact but for the differences of velocities, 1e-6. With it, the cone of friction is one for sliding and
@@ -86,11 +86,11 @@ def test_a_rod_rolls_down_a_slope_and_friction_of_rolling_slows_it() -> None:
     angle, length, radius = 0.3, 0.6, 0.1
     normal = (-np.sin(angle), 0.0, np.cos(angle))
     for rolling, of_it in ((0.0, 0.0), (1e-3, 0.05)):
-        contact = Contact(floor=0.0, normal=normal, friction=2.0, rolling=rolling)
+        contact = Contact(floor=0.0, normal=normal, friction=2.0, rolling=rolling, spin="free")
         scene, uphill = lying(contact, angle, along=False, length=length, radius=radius)
         run = tmj.simulate(scene, None, tmj.MuJoCo(2e-4), duration=0.8, output_interval=0.1)
         lever = radius - 0.5 * (radius - float(run.nodes[-1].mean(axis=0) @ normal))
-        inertia = 1 + length**2 / 12 / lever**2
+        inertia = 1 + radius**2 / 2 / lever**2
         slowed = G * rolling / lever * np.cos(angle) / inertia
         speed = -run.velocities.mean(axis=1) @ uphill
         found = (speed[-1] - speed[-2]) / (run.time[-1] - run.time[-2])
@@ -108,7 +108,8 @@ def test_friction_of_turning_holds_a_robot_that_stands_on_a_slope() -> None:
         scene = icosahedron(friction=0.3, stiffness=1e4)
         assert scene.contact is not None
         scene = scene.with_(
-            contact=replace(scene.contact, torsion=torsion), gravity=(G * np.sin(angle), 0, -G * np.cos(angle))
+            contact=replace(scene.contact, torsion=torsion, spin="free"),
+            gravity=(G * np.sin(angle), 0, -G * np.cos(angle)),
         )
         run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=3.0, output_interval=0.5)
         ends.append(float(np.linalg.norm((run.nodes[-1] - run.nodes[1]).mean(axis=0))))

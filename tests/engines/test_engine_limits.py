@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -29,7 +30,8 @@ SCENES = {
     "closed": Scene(LOOP, gravity=DOWN),
     "moved": Scene(ONE, gravity=DOWN, motions=MOVED),
     "contact": Scene(ONE, gravity=DOWN, contact=FLOOR),
-    "joined contact": Scene(TWO, gravity=DOWN, contact=FLOOR),
+    "joined contact": Scene(TWO, gravity=DOWN, contact=replace(FLOOR, spin="free")),
+    "joined contact, held": Scene(TWO, gravity=DOWN, contact=FLOOR),
     "water": Scene(ONE, gravity=DOWN, water=WATER),
     "joined water": Scene(TWO, gravity=DOWN, water=WATER),
     "joined uneven": Scene(TWO, gravity=DOWN, water=HERMITE),
@@ -47,6 +49,7 @@ SCENES = {
         ("moved", ["mujoco", "dae", "ode"]),
         ("contact", ["mujoco"]),
         ("joined contact", ["mujoco"]),
+        ("joined contact, held", []),
         ("water", ["mujoco", "dae", "ode"]),
         ("joined water", ["mujoco", "dae"]),
         ("joined uneven", ["mujoco", "dae"]),

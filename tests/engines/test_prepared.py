@@ -16,6 +16,7 @@ from tensegrity_mj.dynamics import records
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.mujoco import prepared as preparing
+from tensegrity_mj.engines.mujoco.contact import hold_spins
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.reference.dae import Solver
@@ -57,8 +58,10 @@ def bits(model: mujoco.MjModel) -> bytes:
 
 
 def compiled(scene: tmj.Scene, engine: tmj.MuJoCo) -> mujoco.MjModel:
-    """The model of a scene's own text."""
-    return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, engine.timestep, engine.word))
+    """The model of a scene's own text, whose rods contact may hold."""
+    model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, engine.timestep, engine.word))
+    hold_spins(model, scene)
+    return model
 
 
 def with_other_strings(scene: tmj.Scene, law: StringLaw) -> tmj.Scene:

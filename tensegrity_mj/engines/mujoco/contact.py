@@ -7,7 +7,9 @@ each stage, and counts the power when it is next called. The forces at the recor
 from the state, controls and loads that were recorded with each row: the same solution of the same equations.
 
 Work is counted as work on thin rods. What friction puts into the spin of a rod about its own axis, which no node sees
-and a thin rod does not have, is not work on them: it counts as lost, and what comes back of it as given.
+and a thin rod does not have, is not work on them: it counts as lost, and what comes back of it as given. Where spin is
+held, it is by an armature of that freedom alone: a moment of inertia that weighs against turning and, unlike the body's
+own, carries no angular momentum about. What is left of spin falls in proportion: the limit is a model without it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.model.elements.contact import holds_spin
 from tensegrity_mj.model.members import Rod
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
 
@@ -69,6 +73,21 @@ def spins(structure: Structure, model: mujoco.MjModel) -> NDArray[np.int64]:
     return np.asarray(model.body_dofadr[own] + model.body_dofnum[own] - 1, np.int64)
 
 
+HOLDING = 1e9  # of a rod's transverse moment of inertia: the armature that holds its spin
+
+
+def hold_spins(model: mujoco.MjModel, scene: Scene) -> None:
+    """Hold the rods of a compiled model where the scene's contact does; a free joint's armature in MJCF is of all six.
+
+    MuJoCo reads it in `dof_M0`, too, where a body's mass matrix is diagonal. The mean inertia, by which its solver
+    measures what is left to do, stays as it was compiled.
+    """
+    if holds_spin(scene):
+        dofs = spins(scene.structure, model)
+        model.dof_armature[dofs] = HOLDING * model.body_inertia[model.dof_bodyid[dofs], 0]
+        model.dof_M0[dofs] += model.dof_armature[dofs]
+
+
 class Contacts:
     """Contact of a run.
 
@@ -83,7 +102,9 @@ class Contacts:
         free = [row for row, rod in enumerate(structure.rods) if rod.support.plane is None]
         spinning = np.column_stack([self._bodies, structure.rod_nodes])[free]
         run.set(touches=1, stage_rates=np.zeros(model.nv), spinning=spinning)
-        run.set(spin_inertia=model.body_inertia[self._bodies[free], 2])
+        own = self._bodies[free]
+        last = model.body_dofadr[own] + model.body_dofnum[own] - 1
+        run.set(spin_inertia=model.body_inertia[own, 2] + model.dof_armature[last])
         self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 
     def forces(self, states: Array) -> tuple[Array, Array, dict[str, Any]]:

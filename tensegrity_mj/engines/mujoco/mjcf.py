@@ -52,15 +52,17 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import (
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.contact import Contact, holds_spin
 from tensegrity_mj.model.elements.resistance import nodal_damping
-from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends, total_mass
+from tensegrity_mj.model.rods import axial_moment, centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
 # Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
 FRICTION_IMPEDANCE = 100.0
-SOLVER_TOLERANCE = 1e-15  # the solver then stops at round-off, after two or three more of Newton's iterations
+# Of a cost, which is of the second order in what accelerations lack: at 1e-15 they are off by up to 5e-9 of their size,
+# at 1e-22 at round-off, for at most one more of Newton's iterations.
+SOLVER_TOLERANCE = 1e-22
 UNLIMITED = 1e30  # "inf" does not survive every writer
 # A `connect` constraint pulls a gap g to zero as g̈ + 2 ġ/τ + g/τ² = 0, τ being so many time steps (MuJoCo allows 2 and
 # more). It leaves 1 - IMPEDANCE, the least there is, of the acceleration a₀ that the gap would have without it: the gap
@@ -265,6 +267,7 @@ def _remarks(scene: Scene) -> str:
         or bool(len(nodal_damping(scene.structure)[0])),
         "The water of the scene is not in this file.": scene.water is not None,
         "The linear constraints of its nodes are not in this file.": bool(scene.structure.constraints),
+        "By itself this model lets rods turn about their own axes, which tensegrity_mj hinders.": holds_spin(scene),
         "The motions of the scene's supports are not in this file: what drives them is.": bool(scene.motions),
     }
     return " ".join(text for text, holds in remarks.items() if holds)
@@ -352,9 +355,8 @@ class Bodies:
             else:
                 add(body, "joint", name=turn, type="hinge", axis=rotation.T @ self.tree.normals[number])
         middle, transverse = centers_and_moments(rod.mass, length, structure.rod_lumps[:, number])
-        # Where rods touch something they may roll on it: then it is a solid cylinder's.
         thin = AXIAL_INERTIA if structure.class_number < 2 else NESTED_AXIAL_INERTIA
-        axial = transverse * (thin if scene.contact is None else 1.0)
+        axial = transverse * thin if scene.contact is None else axial_moment(rod)
         # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
         axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
         back, ahead = -sigma * length, (1 - sigma) * length
@@ -477,11 +479,12 @@ def touching(scene: Scene, rods: bool) -> dict[str, Any]:
 
 def hardness(contact: Contact) -> dict[str, Any]:
     """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
+    stiffness, damping, impedance = contact.spring
     return {
         "condim": "1" if contact.friction == 0 else "6" if contact.rolling > 0 else "4" if contact.torsion > 0 else "3",
         "friction": [contact.friction, contact.torsion, contact.rolling],
-        "solref": [-contact.stiffness, -contact.damping],
-        "solimp": contact.impedance,
+        "solref": [-stiffness, -damping],
+        "solimp": impedance,
     }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
-from tensegrity_mj.engines.mujoco import install, mjcf, run_view
+from tensegrity_mj.engines.mujoco import contact, install, mjcf, run_view
 from tensegrity_mj.engines.mujoco.mjcf_tree import SNAP, BodyTree, Names, body_tree, joint_coordinates
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.rods import mass_at_ends
@@ -156,6 +156,7 @@ def _compile(scene: Scene, userdata: int) -> Prepared:
             f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
             f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
         ) from error
+    contact.hold_spins(model, scene)
     found = prepared_with(model, scene)
     check_places(scene, model, found.tree)
     return found

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.contact import hold_spins
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
 from tensegrity_mj.learning.dm_control.models import element
@@ -54,6 +55,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
         self.scene, self.command = scene, command
         self.string_actuators, self.forces = StringActuators(scene, command, self.timestep()), HeldForces(scene)
         model = self.model.ptr
+        hold_spins(model, scene)
         self._sites = np.array([model.site(name).id for name in scene.structure.node_names], np.int64)
         self._bodies = np.asarray(model.site_bodyid[self._sites])
         self._size = len(scene.structure.strings)

@@ -19,6 +19,7 @@ from tensegrity_mj.library.prism import prism
 from tensegrity_mj.library.rolling import SixBarRoll
 from tensegrity_mj.library.six_bar import icosahedron
 from tensegrity_mj.library.spine import spine
+from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
@@ -26,11 +27,13 @@ from tensegrity_mj.model.scene import Scene
 # [m], as `measured_error(name)` gave it: three episodes of random actions. A robot that is thrown about so lands on
 # another triangle for the least cause; on its `gait` it does not.
 MEASURED: dict[str, dict[str, Any]] = {
-    "SixBarRoll": {"largest": 2.6, "mean": 0.66, "after_1_s": 3.2e-3, "gait": 1.7e-4, "reference": "RK4, h = 125 µs"},
+    "SixBarRoll": {"largest": 3.6, "mean": 0.78, "after_1_s": 5.1e-3, "gait": 3.0e-4, "reference": "RK4, h = 125 µs"},
     "PrismReach": {"largest": 4.5e-6, "mean": 5.0e-7, "after_1_s": 9.4e-7, "reference": "DAE, rtol = atol = 1e-10"},
     "SpineReach": {"largest": 8.4e-5, "mean": 8.6e-6, "after_1_s": 7.1e-5, "reference": "DAE, rtol = atol = 1e-10"},
 }
 OBSERVED = ("velocities", "rest_lengths", "tensions", "imu")
+# Steps of 2 ms do not resolve the default floor. This one, a quarter as hard, rolls 2 % less far than a rigid one.
+SOFT = Contact(floor=0.0, stiffness=4e4, impedance=(0.01, 0.95, 2e-3, 0.5, 2.0))
 STRAIGHT = 1.15  # rad: the way on which the robot rolls straight on, from where it stands (`library.rolling`)
 NEAR = RandomStart(displacement=5e-3, speed=0.02)
 
@@ -57,6 +60,7 @@ def _reached(task: Task, before: State, after: State) -> dict[str, Array]:
 def six_bar_roll() -> Task:
     """The six-bar robot on a floor; forward is x."""
     robot = icosahedron(drop=0.01, tilt=(0.0, 0.0, -STRAIGHT), name="six_bar_roll")
+    robot = robot.with_(contact=SOFT)
     scene, low, high = limited(robot, 0.35, 1.05, 0.3)
     return Task(scene, _rolled, low, high, ("shape", *OBSERVED), engine=MuJoCo(2e-3), start=NEAR)
 

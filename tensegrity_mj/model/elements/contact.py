@@ -15,15 +15,16 @@ follows from the mass that the contact feels, so that heavy and light structures
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, bisect, unit
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import direction, each, flag, many, number, pair, part, within
+from tensegrity_mj.basics.kinds import choice, direction, each, flag, many, number, pair, part, within
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.members import Vector
@@ -36,16 +37,35 @@ if TYPE_CHECKING:
 
 SHARE = within(1e-4, 0.9999)
 FRICTION = number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
+# The depth over which a contact becomes hard, by default: to which it stops this speed [m/s]. In proportion to
+# 1/√stiffness, as all depths of a landing are; where it stays as it is, a harder floor comes no nearer to a rigid one.
+SOFTENED_SPEED = 0.2
+
+
+class Spin(enum.Enum):
+    """Turning of rods about their own axes."""
+
+    HELD = "held"  # strings hinder it: what friction does about the axis of a rod has no effect
+    FREE = "free"  # against the axial moment of inertia of the rod's section, a solid cylinder's without one
+
+
+class Spring(NamedTuple):
+    """Stiffness [1/s²], damping [1/s] and impedance of a contact, as its law has them."""
+
+    stiffness: float
+    damping: float
+    impedance: tuple[float, float, float, float, float]
 
 
 @value("contact")
 class Contact:
     """Contacts in a scene and their stiffness. Only MuJoCo has contact; other engines refuse the scene.
 
-    The defaults of `stiffness` and `damping` are critical damping with a time constant of 5 ms: a body that lands at
-    2 m/s sinks in by some 4 mm and does not bounce. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)²
-    and the damping 2 / τ. With ζ = 1 RK4 resolves a landing with steps up to τ / 10, the other integrators up to
-    τ / 100; a run with a larger one says so before it starts (`contact_steps` has it for all ζ).
+    The stiffness is the one number that says how hard contacts are: damping and impedance follow from it where they are
+    not given (`spring` has all three). The default has a time constant of 2.5 ms: a body that lands at 2 m/s sinks in
+    by some 2 mm and hardly bounces. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)² and the damping
+    2 / τ. With ζ = 1 RK4 resolves a landing with steps up to τ / 10, the other integrators up to τ / 100; a run with a
+    larger one says so before it starts (`contact_steps` has it for all ζ).
 
     Attributes:
         floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
@@ -58,10 +78,12 @@ class Contact:
             2/3 of the radius of what touches times `friction`. 0 for none.
         rolling: of friction that resists rolling [m]: its torque by the normal force. 0 for none.
         stiffness: [1/s²], > 0 and at most 1e12: force by depth, on the mass that the contact feels.
-        damping: [1/s], within [0, 1e7]: force by speed, likewise.
+        damping: [1/s], within [0, 1e7]: force by speed, likewise. None for critical damping, 2 √stiffness.
         impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ >= d₀ at the depth
             `width`, on an S of this power, half way at the midpoint. MuJoCo's solimp. d₀, d₁ and midpoint are within
-            [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50].
+            [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50]. None for (0.01, 0.95,
+            0.2 m/s / √stiffness, 0.5, 2).
+        spin: whether rods turn about their own axes, a `Spin` or its text.
 
     Raises:
         SceneError: beyond these ranges. MuJoCo would take other values silently; or overflow, as (midpoint)^(1 -
@@ -73,9 +95,11 @@ class Contact:
     normal: Vector = field(direction(), default=(0.0, 0.0, 1.0))
     rods: bool = field(flag(), default=False)
     friction: float = field(FRICTION, default=0.6)
-    stiffness: float = field(number("> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12), default=4e4)
-    damping: float = field(number("within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7), default=400.0)
-    impedance: tuple[float, float, float, float, float] = field(
+    stiffness: float = field(number("> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12), default=1.6e5)
+    damping: float | None = field(
+        number("within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7), default=None, none="None for critical damping"
+    )
+    impedance: tuple[float, float, float, float, float] | None = field(
         each(
             "five numbers [d0, d1, width, midpoint, power]",
             d0=SHARE,
@@ -84,15 +108,17 @@ class Contact:
             midpoint=SHARE,
             power=within(1, 50),
         ),
-        default=(0.01, 0.95, 2e-3, 0.5, 2.0),
+        default=None,
+        none="None for what follows from the stiffness",
     )
     torsion: float = field(FRICTION, default=0.0)
     rolling: float = field(FRICTION, default=0.0)
     exclude: tuple[tuple[str, str], ...] = field(many(pair("rod"), "pairs of rods"), default=())
     terrain: Terrain | None = field(part(Terrain, "Ramp, Stairs, Rough or Heights"), default=None, none="None")
+    spin: Spin = field(choice(Spin), default=Spin.HELD)
 
     def __attrs_post_init__(self) -> None:
-        d0, d1, *_ = self.impedance
+        d0, d1, *_ = self.spring.impedance
         if d1 < d0:
             raise refused(
                 self,
@@ -113,9 +139,26 @@ class Contact:
             )
 
     @property
+    def spring(self) -> Spring:
+        """Stiffness, damping and impedance, with what follows from the stiffness where it is not given."""
+        rate = self.stiffness**0.5
+        damping = 2 * rate if self.damping is None else self.damping
+        return Spring(self.stiffness, damping, self.impedance or (0.01, 0.95, SOFTENED_SPEED / rate, 0.5, 2.0))
+
+    @property
     def up(self) -> Array:
         """The floor's unit normal (3,)."""
         return unit(np.array(self.normal, float))
+
+
+def holds_spin(scene: Scene) -> bool:
+    """Return whether a scene has contact that holds rods from turning about their own axes.
+
+    Without friction nothing turns them: normal forces pass through the axis.
+    """
+    contact = scene.contact
+    turning = any(rod.support.plane is None and rod.stiffness is None for rod in scene.structure.rods)
+    return contact is not None and contact.spin is Spin.HELD and contact.friction > 0 and turning
 
 
 MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
@@ -253,7 +296,7 @@ def _overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[tupl
 
 def impedance(contact: Contact, depth: Array) -> tuple[Array, Array]:
     """d and ∂d/∂r [1/m] at depths r >= 0 [m]."""
-    d0, d1, width, middle, power = contact.impedance
+    d0, d1, width, middle, power = contact.spring.impedance
     x = np.clip(depth / width, 0.0, 1.0)
     low = x <= middle
     y = np.where(low, x / middle, (1 - x) / (1 - middle))  # from the nearer end to the middle, 0 to 1
@@ -272,7 +315,7 @@ def carrying_depth(contact: Contact, acceleration: float) -> float:
 
     def carried(depth: float) -> float:
         d = float(impedance(contact, np.array(depth))[0])
-        return (1 - d) * contact.impedance[1] ** 2 * acceleration / (d**2 * contact.stiffness)
+        return (1 - d) * contact.spring.impedance[1] ** 2 * acceleration / (d**2 * contact.stiffness)
 
     return 2 * bisect(lambda depth: depth < carried(depth), 0.0, carried(0.0))[1]
 
