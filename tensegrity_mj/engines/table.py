@@ -25,6 +25,36 @@ _OWN_NODES = "give each rod nodes of its own"
 _NO_CONTACT = Limit(has.CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
 _ROWS = "hold nodes by supports and planes of rods"
 _RIGID = "make the rods rigid (without stiffness)"
+_NOT_LOCATED = Limit(
+    has.CONTACT,
+    "its forces jump at other instants than those of strings",
+    "leave one of the two out (scene.with_(contact=None))",
+    OptionError,
+    lambda engine: "locate_slack = True" if engine.locate_slack else "",
+)
+_ALONE = "its contact is that of single rods and point masses with a plane"
+_OTHERWISE = "leave one of the two out"
+# Contact in the DAE.
+_CONTACT_LIMITS = (
+    Limit(has.CONTACT_OF_RODS, _ALONE, "leave rods = true out"),
+    Limit(has.TERRAIN, _ALONE, "take a plane, with a normal for a slope"),
+    Limit(has.TURNING_FRICTION, "its friction is that of sliding", "leave torsion and rolling out"),
+    Limit(has.HELD_ABOVE, "such a contact would feel no mass", _WITHOUT_CONTACT),
+    Limit(has.CLASS_K & has.CONTACT, _ALONE, f"{_OWN_NODES}, or {_WITHOUT_CONTACT}"),
+    Limit(has.MOVED_SUPPORTS & has.CONTACT, _ALONE, _OTHERWISE),
+    Limit(has.BODIES & has.CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
+    Limit(has.CONSTRAINTS & has.CONTACT, "constraints join what contact takes one by one", _WITHOUT_CONTACT),
+    Limit(has.ELASTIC & has.CONTACT, _ALONE, f"{_WITHOUT_CONTACT}, or {_RIGID}"),
+    Limit(has.ADDED_MASS & has.CONTACT, "contact feels the mass of dry rods", _OTHERWISE),
+    Limit(
+        has.CONTACT,
+        "contact is in the equations of rods that are alone",
+        "leave the solver out",
+        OptionError,
+        lambda engine: "" if engine.solver.value == "joints" else f"Solver.{engine.solver.name}",
+    ),
+    _NOT_LOCATED,
+)
 _ELASTIC_ADDED_MASS = Limit(
     has.ELASTIC & has.ADDED_MASS,
     "added mass is that of rods of constant length",
@@ -103,12 +133,11 @@ ENGINES = {
                 OptionError,
                 lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
             ),
+            _NOT_LOCATED,
             Limit(
-                has.CONTACT,
-                "its forces jump at other instants than those of strings",
-                "leave one of the two out (scene.with_(contact=None))",
-                OptionError,
-                lambda engine: "locate_slack = True" if engine.locate_slack else "",
+                has.COULOMB,
+                "MuJoCo's friction is the convex law 'mujoco'",
+                "set contact.law = 'mujoco'",
             ),
         ),
     ),
@@ -117,7 +146,7 @@ ENGINES = {
         "tensegrity_mj.engines.reference.dae:DAE",
         {"method": "rk4"},
         (
-            _NO_CONTACT,
+            *_CONTACT_LIMITS,
             _ELASTIC_ADDED_MASS,
             Limit(
                 has.UNEVEN_MASS & has.CLASS_K,

@@ -13,6 +13,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.controllers.scenes import SCENE_LAW, law_for
 from tensegrity_mj.engines.table import NAMES, TITLES, engine_of
 from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Section, Table
@@ -112,11 +113,11 @@ def at_start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
 
 
 def _engine_of_run(scene: Scene, law: Any) -> Any:
-    """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
+    """The DAE; where it refuses the scene's contact, MuJoCo's RK4 with steps that resolve both it and contact."""
     from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE
 
-    if scene.contact is None:
+    if scene.contact is None or refusal(DAE(), scene) is None:
         return DAE()
     found: StableStep = stable_step(scene, MuJoCo(1.0), law=law)
     # Limits by contact: 1/√k of its spring and 2/b of its damper.

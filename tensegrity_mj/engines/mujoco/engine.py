@@ -111,8 +111,10 @@ def _reference(start: Rates, request: Request) -> Ladder | None:
     if in_python or request.start is not None or refusal(make_engine("dae", {}), scene) is not None:
         return None
 
+    located = scene.contact is None
+
     def make(step: float, adapted: Request) -> Trajectory:
-        engine = make_engine("dae", {**options, "timestep": step, "locate_slack": True})
+        engine = make_engine("dae", {**options, "timestep": step, "locate_slack": located})
         made: Trajectory = engine.run(adapted)
         return made
 
@@ -121,7 +123,7 @@ def _reference(start: Rates, request: Request) -> Ladder | None:
     def longest(rates: Rates) -> float:
         return rates.resolving_step(request.duration, order)
 
-    return fixed_steps(CERTIFIER, order, stages, longest, start, request, make, located=True)
+    return fixed_steps(CERTIFIER, order, stages, longest, start, request, make, located)
 
 
 def _ladder(integrator: Integrator, start: Rates, request: Request) -> Ladder:

@@ -52,14 +52,12 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import (
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.elements.contact import Contact, holds_spin
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, holds_spin
 from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.rods import axial_moment, centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
-# Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
-FRICTION_IMPEDANCE = 100.0
 # Of a cost, which is of the second order in what accelerations lack: at 1e-15 they are off by up to 5e-9 of their size,
 # at 1e-22 at round-off, for at most one more of Newton's iterations.
 SOLVER_TOLERANCE = 1e-22

@@ -17,6 +17,7 @@ from tensegrity_mj.engines import driving, recording, reports
 from tensegrity_mj.engines.reference import controlled, dop853
 from tensegrity_mj.engines.reference.controlled import JUMP, SAMPLE, SWITCH_TOLERANCE
 from tensegrity_mj.engines.reference.equations import guard, observe, rates
+from tensegrity_mj.engines.reference.floor import LONGEST_STEP
 from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.radau import RadauSteps
@@ -76,7 +77,7 @@ class ErrorControlled:
             rtol=run.options.rtol,
             atol=run.options.atol,
             t=run.request.begin,
-            longest_step=math.inf,
+            **dict.fromkeys(("longest_step", "widest_step"), math.inf if run.request.scene.contact is None else LONGEST_STEP),
             marks=np.array([mark for mark, _, _ in marks]),
             kinds=np.array([JUMP * jumps + SAMPLE * samples for _, jumps, samples in marks]),
             times=self.times,

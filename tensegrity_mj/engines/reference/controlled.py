@@ -229,7 +229,7 @@ def _step(own: Any, own_at: int, mark: float, jumps: bool) -> int:
         if answer:
             return answer
     if own.end >= own.careful_until:
-        own.longest_step = math.inf
+        own.longest_step = own.widest_step
     own.first_step = own.h
     end, stuck, switched, turned = own.end, guard(new, own.table) == SINGULAR, False, False
     if stuck:

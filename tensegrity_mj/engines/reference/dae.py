@@ -23,6 +23,7 @@ from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.equations import RODS
+from tensegrity_mj.engines.reference.floor import axial_moments, contact_columns, packed
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Request
@@ -137,8 +138,15 @@ def _plant(request: Request, fields: Fields) -> Plant:
 
 def _rods_alone(request: Request) -> _Model:
     """Class 1, supports at rest: each rod's equations by themselves."""
-    plant, records = _plant(request, RODS), StructureRecords.of(request.scene.structure)
+    records, contact = StructureRecords.of(request.scene.structure), request.scene.contact
+    plant = _plant(request, RODS if contact is None else dae.TOUCHING)
     plant.set(rods=records.rods, points=records.points)
+    if contact is not None:
+        plant.set(floor=packed(contact, records.structure, records.nq))
+        if axial_moments(contact, records.structure).any():
+            records = replace(records, nq=records.nq + len(records.rods))
+        extra = contact_columns(records.structure)
+        return plant, records, Equations(dae.dae_place, dae.touching_accelerate, dae.dae_normalize, extra=extra)
     equations = Equations(
         place=dae.dae_place,
         accelerate=dae.dae_accelerate,

@@ -18,6 +18,7 @@ from tensegrity_mj.dynamics.native.elements import power_of, set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import TIMED, borrowing
 from tensegrity_mj.dynamics.native.views import changing_view, fields_of
+from tensegrity_mj.dynamics.touching import touching_accelerations
 from tensegrity_mj.engines.reference.equations import MODEL, RODS, halves
 
 _RodsView = changing_view("Rods", RODS)
@@ -46,6 +47,21 @@ def dae_normalize(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """(3.23)-(3.24) on the state."""
     own = _RodsView(table)
     normalize(*halves(own, y_at), own.rods)
+    return SOLVED
+
+
+TOUCHING = fields_of(  # of rods and point masses that touch a floor
+    RODS,
+    floor="size",  # address of a `native.contact.Floor`
+)
+_TouchingView = changing_view("Touching", TOUCHING)
+
+
+@c_function(TIMED, "the equations of the DAE with contact")
+def touching_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _TouchingView(table)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
+    own.given += touching_accelerations(own, q, rates, out)
     return SOLVED
 
 

@@ -132,6 +132,7 @@ CONTROLLED = fields_of(
     h="real",
     first_step="real",
     longest_step="real",
+    widest_step="real",  # to which it returns
     careful_until="real",
     started="state",
     begun="state",  # whether the method goes on from its own last step

@@ -171,9 +171,10 @@ def run_accurately(
         TensegrityError: what the finest runs raised, where no step was fine enough.
     """
     start = rates_at_start(request)
+    located = request.scene.contact is None  # whose forces jump at other instants
 
     def fixed(step: float, adapted: Request) -> Trajectory:
-        options = with_method(method=Method.RK4, timestep=step, locate_slack=True)
+        options = with_method(method=Method.RK4, timestep=step, locate_slack=located)
         return made(options, adapted)
 
     def longest(rates: Rates) -> float:
@@ -199,7 +200,7 @@ def run_accurately(
         )
 
     fast = max(start.turn, start.decay) * request.duration
-    rk4 = fixed_steps(Method.RK4.value, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located=True)
+    rk4 = fixed_steps(Method.RK4.value, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located)
     ladders = [rk4, controlled(Method.DOP853, FEWEST + PER_TURN * fast)]
     if fast > (DAMPED if start.decay > start.turn else STIFF):
         ladders.append(controlled(Method.RADAU, IMPLICIT))

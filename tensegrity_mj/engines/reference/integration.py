@@ -34,6 +34,7 @@ from tensegrity_mj.engines.reference.equations import (
     rates_of_state,
     sample_law,
 )
+from tensegrity_mj.engines.reference.floor import contact_report
 from tensegrity_mj.engines.reference.located import Room, located_step, rk4_stages
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -119,7 +120,9 @@ class IntegratedRun:
         """The trajectory of the rows recorded so far."""
         width = self.plant["row_width"]
         end = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
-        if end < self.width:
+        if self.request.scene.contact is not None:
+            reports["contact"] = contact_report(self.request.scene, rows, end)
+        elif end < self.width:
             reports |= {
                 "closure_drift": float(rows[:, end].max(initial=0.0)),  # [m]
                 "closure_rate_drift": float(rows[:, end + 1].max(initial=0.0)),  # [m/s]

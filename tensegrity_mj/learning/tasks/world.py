@@ -375,7 +375,7 @@ class Fleet(ensemble.MuJoCoEnsemble):
         return Request(scene, law, actuation, duration=self._never, output_interval=self._never)
 
 
-FINER = 16  # the step of the reference in a scene with contact, which the DAE does not have
+FINER = 16  # the step of the reference in a scene with contact that the DAE does not have
 
 
 def measured_error(
@@ -383,7 +383,8 @@ def measured_error(
 ) -> dict[str, Any]:
     """Measure how far nodes are from a fine reference, from starts drawn as the task has them.
 
-    The reference is the DAE at tolerances of 1e-10, or for contact MuJoCo with RK4 and a step 16 times as short.
+    The reference is the DAE at tolerances of 1e-10, or where it refuses the scene MuJoCo with RK4 and a step 16 times
+    as short.
 
     Args:
         task: a task, or the name of one.
@@ -404,8 +405,9 @@ def measured_error(
     given = None if actions is None else real_array("actions", actions, (np.shape(actions)[0], M), scalar=False)
     count = task.steps if steps is None else checked("steps", steps, whole(1))
     count = count if given is None else len(given)
-    contact = task.scene.contact is not None
-    engine = settings.MuJoCo(task.engine.timestep / FINER) if contact else DAE(rtol=1e-10, atol=1e-10)
+    engine: Any = DAE(rtol=1e-10, atol=1e-10)
+    if refusal(engine, task.scene) is not None:
+        engine = settings.MuJoCo(task.engine.timestep / FINER)
     times = np.arange(count + 1) * task.period
     found = []
     for number in range(checked("episodes", episodes, whole(1))):

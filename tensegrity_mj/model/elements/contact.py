@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 
 SHARE = within(1e-4, 0.9999)
+# Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
+FRICTION_IMPEDANCE = 100.0
 FRICTION = number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
 # The depth over which a contact becomes hard, by default: to which it stops this speed [m/s]. In proportion to
 # 1/√stiffness, as all depths of a landing are; where it stays as it is, a harder floor comes no nearer to a rigid one.
@@ -57,9 +59,16 @@ class Spring(NamedTuple):
     impedance: tuple[float, float, float, float, float]
 
 
+class ContactLaw(enum.Enum):
+    """Law of friction."""
+
+    MUJOCO = "mujoco"  # MuJoCo's convex one: what slides is pushed away from the floor by μ times its damping
+    COULOMB = "coulomb"  # friction against the slip, of μ times the normal force that there is without it; the DAE alone
+
+
 @value("contact")
 class Contact:
-    """Contacts in a scene and their stiffness. Only MuJoCo has contact; other engines refuse the scene.
+    """Contacts in a scene and their stiffness. MuJoCo has all of it, the DAE contact of rods and points with a plane.
 
     The stiffness is the one number that says how hard contacts are: damping and impedance follow from it where they are
     not given (`spring` has all three). The default has a time constant of 2.5 ms: a body that lands at 2 m/s sinks in
@@ -83,6 +92,7 @@ class Contact:
             `width`, on an S of this power, half way at the midpoint. MuJoCo's solimp. d₀, d₁ and midpoint are within
             [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50]. None for (0.01, 0.95,
             0.2 m/s / √stiffness, 0.5, 2).
+        law: see `ContactLaw`.
         spin: whether rods turn about their own axes, a `Spin` or its text.
 
     Raises:
@@ -114,6 +124,7 @@ class Contact:
     torsion: float = field(FRICTION, default=0.0)
     rolling: float = field(FRICTION, default=0.0)
     exclude: tuple[tuple[str, str], ...] = field(many(pair("rod"), "pairs of rods"), default=())
+    law: ContactLaw = field(choice(ContactLaw), default=ContactLaw.MUJOCO)
     terrain: Terrain | None = field(part(Terrain, "Ramp, Stairs, Rough or Heights"), default=None, none="None")
     spin: Spin = field(choice(Spin), default=Spin.HELD)
 

@@ -3,7 +3,7 @@
 The reference is the DAE at the tightest tolerance that the budget has. Its own error is the larger of two differences:
 from the DAE at ten times that tolerance, and from a second formulation: the ODE or, where rods share nodes, the DAE's
 full equations with all multipliers; where neither can, MuJoCo RK4 at a fine step. Where error control needs too many
-steps, the DAE's RK4 at two fine steps takes its place; where the DAE refuses the scene, as with contact, MuJoCo's RK4
+steps, the DAE's RK4 at two fine steps takes its place; where the DAE refuses the scene, as with a terrain, MuJoCo's RK4
 at two fine steps, and then there is no second formulation.
 """
 

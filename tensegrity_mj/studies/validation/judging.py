@@ -148,7 +148,7 @@ def summary(setup: Setup, found: Data) -> list[tuple[str, str]]:
                 listed = " and ".join(title(name) for name in others)
                 text = f"{section.capitalize()} in {listed}: not quite the same, see the tables."
                 sentences.append((section, text))
-    if setup.scene.contact is not None:
+    if setup.scene.contact is not None and len(setup.engines) == 1:
         sentences.append(("nominal", "MuJoCo alone has contact: no other engine confirms what is said here."))
     if found.get("starts_that_differ"):
         count = len(found["starts_that_differ"])

@@ -1,0 +1,80 @@
+"""Contact in the reference engine: what its compiled functions read of a scene, and the report of a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, floor_gaps
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+LONGEST_STEP = 5e-3  # s, of methods that choose their steps: a body that falls into a longer one may be out of it again
+
+
+def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
+    """The floor and its law, for compiled functions; `coordinates`: how many there are before those of spins."""
+    normal = contact.up
+    # Friction is the same along both tangents: any two will do.
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    d0, d1, width, middle, power = contact.impedance
+    axial = axial_moments(contact, structure)
+    table = Table("Floor", FLOOR)
+    table.set(
+        radii=np.array([rod.radius for rod in structure.rods], float),
+        axial=axial,
+        spin_place=coordinates if axial.any() else -1,
+        level=contact.floor,
+        frame=np.stack([normal, first, np.cross(normal, first)]),
+        kind=COULOMB if contact.law is ContactLaw.COULOMB else MUJOCO,
+        friction=contact.friction,
+        stiffness=contact.stiffness,
+        damping=contact.damping,
+        d0=d0,
+        d1=d1,
+        width=width,
+        middle=middle,
+        power=power,
+        per_ratio=1.0 / FRICTION_IMPEDANCE,
+    )
+    return table
+
+
+def axial_moments(contact: Contact, structure: Structure) -> Array:
+    """(R,) [kg m²]: moments of inertia about the rods' own axes, 0 of those that contact does not turn about them."""
+    import os
+    if not os.environ.get("FREE"): return np.zeros(len(structure.rods))
+    free = [rod.mass*structure.rod_lengths[k]**2/12 for k,rod in enumerate(structure.rods)]
+    return np.array(free, float)
+
+
+def contact_columns(structure: Structure) -> int:
+    """How many numbers behind λ are forces of contacts: three of each end of a rod, and of each point mass."""
+    return 3 * (2 * len(structure.rods) + len(structure.lone_masses))
+
+
+def contact_report(scene: Scene, rows: Array, at: int) -> dict[str, Any]:
+    """`reports["contact"]` of recorded rows, whose contact forces begin at a column."""
+    structure, contact = scene.structure, scene.contact
+    assert contact is not None
+    ends = structure.rod_nodes.ravel()
+    points = np.array([structure.node_index[point.node] for point in structure.lone_masses], int)
+    touched = np.concatenate([ends, points])
+    forces = rows[:, at : at + 3 * len(touched)].reshape(len(rows), -1, 3)
+    nodes = rows[:, : 3 * len(structure.nodes)].reshape(len(rows), -1, 3)
+    gaps = np.stack([floor_gaps(structure, contact, one) for one in nodes])[:, touched]
+    return {
+        "touching": (gaps < 0).sum(axis=1).tolist(),  # contacts at each recorded time
+        "largest_normal_force": float((forces @ contact.up).max(initial=0.0)),  # [N], at the recorded times
+        "deepest": max(0.0, -float(gaps.min(initial=0.0))),  # [m]: largest overlap at the recorded times
+        "final_forces": {  # [N], on the nodes at the last recorded time
+            structure.node_names[node]: force.tolist()
+            for node, force in zip(touched, forces[-1], strict=True)
+            if force.any()
+        },
+    }
