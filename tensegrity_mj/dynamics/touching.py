@@ -1,10 +1,9 @@
-"""The equations of `kernels` for rods and point masses that touch a floor: contact forces between those of the nodes and
-the accelerations.
+"""The equations of `kernels` for rods and point masses that touch a floor, and the forces of contacts.
 
 A rod's half ball, of its radius about a node, is r = n·x - level - radius above the floor, with n upwards. Where r < 0
 it touches at p = x - n (radius + r/2), ρ = p - x from the node. A point of the rod there moves with v = ẋ + ω × ρ,
-ω = b × ḃ + s b, b being a unit vector and s the spin about the rod's own axis, and a force f there acts on b as a couple
-does by (ρ × f) × b. Where spin is held s = 0, and what is along b turns nothing. Where it is free,
+ω = b × ḃ + s b, b being a unit vector and s the spin about the rod's own axis, and a force f there acts on b as a
+couple does by (ρ × f) × b. Where spin is held s = 0, and what is along b turns nothing. Where it is free,
 
     I s' = b · (ρ × f),      t_b gets I s b × ḃ,      I the rod's axial moment of inertia,
 

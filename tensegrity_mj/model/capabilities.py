@@ -120,6 +120,8 @@ def _first(template: str, members: str, has: Callable[[Any], Any] = lambda one: 
 
 CONTACT = Trait(lambda scene: "" if scene.contact is None else f"scene '{scene.name}' has contact")
 HELD_SPIN = Trait(_held)
+
+
 def _contact_with(words: str, has: Callable[[Any], Any]) -> Trait:
     """Trait of scenes whose contact has something."""
     return Trait(

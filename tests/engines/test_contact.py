@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import tensegrity_mj as tmj
-from tensegrity_mj.engines.mujoco.mjcf import FRICTION_IMPEDANCE, scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.model import rods
-from tensegrity_mj.model.elements.contact import Contact, overlaps, segment_distances
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, overlaps, segment_distances
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.studies.parameter_values import Scaled, encoded
@@ -278,9 +278,8 @@ def test_a_point_mass_lands_on_its_point() -> None:
 
 def test_engines_without_contact_say_so() -> None:
     scene = tmj.load_scene("prism_drop")
-    for engine in (tmj.DAE(), tmj.ODE(), tmj.DAE(method=tmj.Method.RK4, timestep=1e-3)):
-        with pytest.raises(tmj.errors.OptionError, match=r"has contact.*MuJoCo.*with_\(contact=None\)"):
-            tmj.simulate(scene, None, engine, duration=0.1)
+    with pytest.raises(tmj.errors.OptionError, match=r"has contact.*use MuJoCo or DAE, or .*with_\(contact=None\)"):
+        tmj.simulate(scene, None, tmj.ODE(), duration=0.1)
 
 
 def test_linear_models_are_those_without_touch() -> None:

@@ -15,6 +15,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import Replay
 from tensegrity_mj.engines.table import NAMES
 from tensegrity_mj.model.elements.contact import floor_gaps
+from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.studies.stable_steps import predict_steps
 
 HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
@@ -133,6 +134,8 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
 
 
 def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
+    assert scene.contact is not None
+    scene = scene.with_(contact=replace(scene.contact, rods=True))
     options: dict[str, Any] = {"sections": ["gravity"], "duration": LANDED, "quick": True, "workers": HERE}
     report = tmj.studies.validate(scene, pull, **options)
     assert report.data["setup"]["engines"] == ["mujoco"]
@@ -140,16 +143,18 @@ def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
     assert "MuJoCo alone has contact: no other engine confirms what is said here." in report.summary
     assert not any("DAE" in text for text in report.summary)
     with pytest.raises(
-        tmj.errors.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has contact.*leave them out"
+        tmj.errors.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has contact of rods.*leave them out"
     ):
         tmj.studies.validate(scene, pull, engines=["dae", "mujoco", "ode"], **options)
 
 
-def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_says_how_to_compare(scene: tmj.Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scene.contact is not None
+    (tmp_path / "rods.toml").write_text(scene_to_toml(scene.with_(contact=replace(scene.contact, rods=True))))
     for wrong in ([], ["--engine", "dae", "--reference", "ode"], ["--accuracy", "1e-4"]):
-        assert main(["compare", "prism_drop", "--duration", "0.1", *wrong]) == 2
+        assert main(["compare", str(tmp_path / "rods.toml"), "--duration", "0.1", *wrong]) == 2
         reported = capsys.readouterr().err
-        assert "scene 'prism_drop' has contact, which MuJoCo alone simulates: there is no second engine" in reported
+        assert "has contact, which MuJoCo alone simulates: there is no second engine" in reported
         assert "compare a.nc b.nc" in reported
     # As it says:
     for name, step in (("a", "1e-3"), ("b", "5e-4")):
@@ -169,8 +174,22 @@ def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert 0 < json.loads(capsys.readouterr().out)["max_node_error"] < 0.01
 
 
+def test_compare_takes_a_landing_to_the_dae(capsys: pytest.CaptureFixture[str]) -> None:
+    """At the same RK4 step of 0.1 ms: truncation of both, in other coordinates, falls with h⁴ and is 1e-10 m here."""
+    words = ["--duration", str(LANDED), "--timestep", "1e-4", "--method", "rk4", "--json"]
+    assert main(["compare", "prism_drop", *words]) == 0
+    assert 0 < json.loads(capsys.readouterr().out)["max_node_error"] < 1e-9
+
+
 def test_stability_looks_along_a_run_that_lands(scene: tmj.Scene) -> None:
-    """The step of that run is a tenth of the limit, or of the contact's time constant 2/b where that is shorter."""
+    """By the DAE. Where it refuses the scene, the step of that run is a tenth of the limit, or of the contact's time
+    constant 2/b where that is shorter.
+    """
+    text = predict_steps(scene.with_(duration=LANDED), engines=["rk4"]).data["start"]["text"]
+    assert "along a run of DAE DOP853" in text
+    assert "with contact" in text
+    assert scene.contact is not None
+    scene = scene.with_(contact=replace(scene.contact, rods=True))
     start = predict_steps(scene.with_(duration=LANDED), engines=["rk4"]).data["start"]
     assert "along a run of MuJoCo 4.0.0 RK4, h = 0.000233" in start["text"]
     assert "with contact" in start["text"]

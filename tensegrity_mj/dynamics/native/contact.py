@@ -90,7 +90,7 @@ def solved(H: Any, c: Any) -> tuple[float, float, float]:
 
 @inlined
 def _sliding(law: Any, H: Any, c: Any, e1: float, e2: float) -> tuple[float, float, float, float]:
-    """Of f = s (1, μ e): s, e × w_t, its derivative by the angle of e, and -e · w_t, positive where w_t is against e."""
+    """Of f = s (1, μ e): s, e × w_t, its derivative by the angle of e, and -e · w_t, which is >= 0 of what slides."""
     mu = law.friction
     u, across = (1.0, mu * e1, mu * e2), (0.0, -e2, e1)
     Hu, Hq = times_symmetric(H, u), times_symmetric(H, across)
@@ -138,7 +138,7 @@ def _slide(law: Any, H: Any, c: Any) -> tuple[float, float, float]:
 
 @borrowing
 def _scan(law: Any, H: Any, c: Any) -> tuple[float, float]:
-    """The direction that slides, between two of many; (1, 0) and a contact more that is not solved where there is none."""
+    """The direction that slides, between two of many; where there is none, (1, 0) and one more that is not solved."""
     e1, e2 = 1.0, 0.0
     step = np.tan(2.0 * np.pi / SCANNED)
     s, value, _, _ = _sliding(law, H, c, e1, e2)
@@ -180,7 +180,7 @@ def push(law: Any, H: Any, c: Any) -> tuple[float, float, float]:
 
 @inlined
 def _response(law: Any, R: Any, y: Any) -> tuple[float, float, float]:
-    """The force f(y) that w = y + R f and the law give for an acceleration y, contacts being apart, or stuck, or not."""
+    """The force f(y) that w = y + R f and the law give for an acceleration y."""
     mu, n, t = law.friction, R[0], R[1]
     slip, coulomb = np.sqrt(y[1] * y[1] + y[2] * y[2]), law.kind == COULOMB
     if y[0] >= (0.0 if coulomb else mu * slip):

@@ -77,7 +77,9 @@ class ErrorControlled:
             rtol=run.options.rtol,
             atol=run.options.atol,
             t=run.request.begin,
-            **dict.fromkeys(("longest_step", "widest_step"), math.inf if run.request.scene.contact is None else LONGEST_STEP),
+            **dict.fromkeys(
+                ("longest_step", "widest_step"), math.inf if run.request.scene.contact is None else LONGEST_STEP
+            ),
             marks=np.array([mark for mark, _, _ in marks]),
             kinds=np.array([JUMP * jumps + SAMPLE * samples for _, jumps, samples in marks]),
             times=self.times,

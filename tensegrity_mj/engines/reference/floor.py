@@ -48,8 +48,10 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
 def axial_moments(contact: Contact, structure: Structure) -> Array:
     """(R,) [kg m²]: moments of inertia about the rods' own axes, 0 of those that contact does not turn about them."""
     import os
-    if not os.environ.get("FREE"): return np.zeros(len(structure.rods))
-    free = [rod.mass*structure.rod_lengths[k]**2/12 for k,rod in enumerate(structure.rods)]
+
+    if not os.environ.get("FREE"):
+        return np.zeros(len(structure.rods))
+    free = [rod.mass * structure.rod_lengths[k] ** 2 / 12 for k, rod in enumerate(structure.rods)]
     return np.array(free, float)
 
 

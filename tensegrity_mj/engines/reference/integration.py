@@ -118,10 +118,11 @@ class IntegratedRun:
         self, time: Array, rows: Array, status: Status, message: str, cost: dict[str, float], **reports: Any
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
-        width = self.plant["row_width"]
+        width, unsolved = self.plant["row_width"], 0
         end = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
         if self.request.scene.contact is not None:
             reports["contact"] = contact_report(self.request.scene, rows, end)
+            unsolved = self.plant.arrays["floor"]["unsolved"]
         elif end < self.width:
             reports |= {
                 "closure_drift": float(rows[:, end].max(initial=0.0)),  # [m]
@@ -129,7 +130,7 @@ class IntegratedRun:
             }
         constraint_forces = rows[:, rows.shape[1] - len(self.request.scene.structure.constraints) :].copy()
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
-        return make_trajectory(
+        found = make_trajectory(
             self.request,
             self.options,
             self.plant,
@@ -138,6 +139,13 @@ class IntegratedRun:
             rows[:, width:end].copy(),
             Account(status, message, cost, {"name": self.name, **options}, reports, constraint_forces),
         )
+        if unsolved:
+            found.reports["warnings"].append(
+                f"the forces of contacts were not found at {unsolved} of {cost['evaluations']} evaluations: Coulomb's "
+                "law may have no unique solution where friction is large and contacts are hard; use less friction, an "
+                "impedance with a smaller d1, or law = 'mujoco'"
+            )
+        return found
 
 
 STEPPER = fields_of(  # a run in fixed steps

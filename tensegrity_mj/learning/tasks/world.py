@@ -33,6 +33,7 @@ from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.learning.tasks.definition import LONGEST, RandomStart, State, Task, displace, substeps
 from tensegrity_mj.learning.tasks.robots import task_of
 from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.parameter_values import Draw, decoded, number_from, once

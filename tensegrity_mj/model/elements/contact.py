@@ -63,7 +63,9 @@ class ContactLaw(enum.Enum):
     """Law of friction."""
 
     MUJOCO = "mujoco"  # MuJoCo's convex one: what slides is pushed away from the floor by μ times its damping
-    COULOMB = "coulomb"  # friction against the slip, of μ times the normal force that there is without it; the DAE alone
+    COULOMB = (
+        "coulomb"  # friction against the slip, of μ times the normal force that there is without it; the DAE alone
+    )
 
 
 @value("contact")
