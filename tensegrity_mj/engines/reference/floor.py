@@ -9,7 +9,8 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, floor_gaps
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin, floor_gaps
+from tensegrity_mj.model.rods import axial_moment
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
@@ -22,7 +23,7 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
     # Friction is the same along both tangents: any two will do.
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
-    d0, d1, width, middle, power = contact.impedance
+    stiffness, damping, (d0, d1, width, middle, power) = contact.spring
     axial = axial_moments(contact, structure)
     table = Table("Floor", FLOOR)
     table.set(
@@ -33,8 +34,8 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
         frame=np.stack([normal, first, np.cross(normal, first)]),
         kind=COULOMB if contact.law is ContactLaw.COULOMB else MUJOCO,
         friction=contact.friction,
-        stiffness=contact.stiffness,
-        damping=contact.damping,
+        stiffness=stiffness,
+        damping=damping,
         d0=d0,
         d1=d1,
         width=width,
@@ -47,12 +48,8 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
 
 def axial_moments(contact: Contact, structure: Structure) -> Array:
     """(R,) [kg m²]: moments of inertia about the rods' own axes, 0 of those that contact does not turn about them."""
-    import os
-
-    if not os.environ.get("FREE"):
-        return np.zeros(len(structure.rods))
-    free = [rod.mass * structure.rod_lengths[k] ** 2 / 12 for k, rod in enumerate(structure.rods)]
-    return np.array(free, float)
+    free = contact.spin is Spin.FREE and contact.friction > 0
+    return np.array([axial_moment(rod) if free and rod.support.plane is None else 0.0 for rod in structure.rods])
 
 
 def contact_columns(structure: Structure) -> int:
