@@ -58,6 +58,16 @@ def test_runs_are_those_of_mujoco(name: str, duration: float) -> None:
     _agree(tmj.load_scene(name), duration)
 
 
+@pytest.mark.usefixtures("solved")
+def test_rods_spin_as_those_of_mujoco() -> None:
+    scene = tmj.load_scene("six_bar_push")
+    assert scene.contact is not None
+    scene = scene.with_(contact=replace(scene.contact, spin="free"))
+    held = tmj.simulate(tmj.load_scene("six_bar_push"), None, tmj.DAE(), duration=0.3)
+    run = _agree(scene, 0.3)
+    assert np.abs(run.nodes[-1] - held.nodes[-1]).max() > 1e-4
+
+
 @pytest.mark.study
 @pytest.mark.usefixtures("solved")
 @pytest.mark.parametrize("name", SCENES)
@@ -66,7 +76,7 @@ def test_whole_runs_are_those_of_mujoco(name: str) -> None:
     _agree(scene, scene.duration)
 
 
-def _agree(scene: tmj.Scene, duration: float) -> None:
+def _agree(scene: tmj.Scene, duration: float) -> tmj.Trajectory:
     law = tmj.controllers.from_scene(scene) if scene.control else None
     engines = (tmj.DAE(method="rk4", timestep=STEP), tmj.MuJoCo(STEP))
     ours, theirs = (tmj.simulate(scene, law, engine, duration=duration) for engine in engines)
@@ -84,6 +94,7 @@ def _agree(scene: tmj.Scene, duration: float) -> None:
     assert found["final_forces"].keys() == wanted["final_forces"].keys()
     for node, force in found["final_forces"].items():
         np.testing.assert_allclose(force, wanted["final_forces"][node], rtol=0, atol=1e-6)
+    return ours
 
 
 def test_dop853_has_the_truth_to_a_tenth_of_a_nanometre() -> None:
@@ -269,6 +280,30 @@ def test_what_sticks_creeps_as_a_damper_does(law: str) -> None:
     softness = (1 - d) / d * (4 / 2.0) / 100
     wanted = 2.0 * G * np.sin(np.arctan(0.2)) / (400 / 0.9 / softness).sum()
     np.testing.assert_allclose(run.velocities[-1, :, 0], wanted, rtol=1e-7)
+
+
+def test_a_log_that_slides_sideways_ends_up_rolling() -> None:
+    """With a part 1/(1 + I/(m ρ²)) of its speed, about 2/3: friction P takes P/m of it and gives a spin of P ρ/I.
+
+    It starts as deep as it rests, 2 g (1 - d)/d = k d r/d₁² (both ends carry m g/2, A = 4/m), and by Coulomb's law stays
+    so, at ρ = radius - r/2. Where spin is held it stops.
+    """
+    contact = Contact(floor=0.0, friction=0.3, law="coulomb", spin="free")
+    stiffness, _, (_, d1, width, *_) = contact.spring
+
+    def unbalanced(depth: float) -> float:
+        d = impedance(contact, depth)
+        return float(stiffness * d * depth / d1**2 - 2 * G * (1 - d) / d)
+
+    depth = float(brentq(unbalanced, 1e-9, 10 * width, xtol=1e-16))
+    nodes = {"a": (0, 0, 0.03 - depth), "b": (0.8, 0, 0.03 - depth)}
+    structure = tmj.Structure("log", nodes, (tmj.Rod("log", ("a", "b"), 2.0, 0.03),))
+    start = {"gravity": (0, 0, -G), "initial_velocities": [(0, 1.0, 0)] * 2}
+    run = tmj.simulate(tmj.Scene(structure, contact=contact, **start), None, tmj.DAE(), duration=1.0)
+    inertia, arm = 0.5 * 2.0 * 0.03**2, 0.03 - depth / 2
+    np.testing.assert_allclose(run.velocities[-1, :, 1], 1 / (1 + inertia / (2.0 * arm**2)), rtol=1e-8)
+    held = tmj.Scene(structure, contact=replace(contact, spin="held"), **start)
+    assert np.abs(tmj.simulate(held, None, tmj.DAE(), duration=1.0).velocities[-1]).max() < 1e-8
 
 
 def test_what_the_dae_has_no_contact_of_is_refused_by_name() -> None:
