@@ -285,8 +285,8 @@ def test_what_sticks_creeps_as_a_damper_does(law: str) -> None:
 def test_a_log_that_slides_sideways_ends_up_rolling() -> None:
     """With a part 1/(1 + I/(m ρ²)) of its speed, about 2/3: friction P takes P/m of it and gives a spin of P ρ/I.
 
-    It starts as deep as it rests, 2 g (1 - d)/d = k d r/d₁² (both ends carry m g/2, A = 4/m), and by Coulomb's law stays
-    so, at ρ = radius - r/2. Where spin is held it stops.
+    It starts as deep as it rests, 2 g (1 - d)/d = k d r/d₁² (both ends carry m g/2, A = 4/m), and by Coulomb's law
+    stays so, at ρ = radius - r/2. Where spin is held it stops.
     """
     contact = Contact(floor=0.0, friction=0.3, law="coulomb", spin="free")
     stiffness, _, (_, d1, width, *_) = contact.spring
