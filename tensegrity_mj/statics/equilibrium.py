@@ -32,11 +32,12 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.model import EPS, StaticModel, round_off
 from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.turning import Turning, nearest
 
 FIRST_REGULARIZATION = 1e-3  # of the stiffest string
 LEAST_REGULARIZATION = 1e-12
 MOST_REGULARIZATION = 1e8
-LONGEST_MOVE = 0.3  # of the mean member, of any node in one step
+LONGEST_MOVE = 0.3  # of the mean member, by which a step may change a member other than by turning it
 ESCAPES = 12  # unstable states that are left before it gives up
 SPENT = 1e-10  # of rods' forces: what is left of them where no step is better, near places where rods are in a line
 STRAIGHT = 100.0  # rods' forces, of strings' and loads', that only a singular place explains
@@ -69,6 +70,7 @@ def find_equilibrium(
     for _ in range(ESCAPES):
         x, forces, taken = _descend(model, x, parameter, limit - used)
         used += taken
+        x = nearest(model, x, parameter, forces)
         state = StaticState(model, x.reshape(-1, 3).copy(), forces, parameter, used)
         if not stable:
             return state
@@ -153,7 +155,8 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
     energy = model.energy(x, parameter) + model.rod_energy(x)
     gradient = model.gradient(x, parameter)
     forces = linear_systems.rod_forces(model, x, gradient)
-    rough = 0.0
+    farthest = max(float(np.ptp(model.start, axis=0).max()), length)
+    turning: Turning | None = None
     for taken in range(limit):
         C = sparse.csr_array(model.rod_slopes(x) @ Z)
         left = Z.T @ gradient + C.T @ forces
@@ -165,9 +168,12 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
         gap = model.rod_lengths - model.rods(x).lengths
         # Motions that no stiffness resists would go far for a force of round-off: steps go across them.
-        neutral = sparse.csr_array((Z.T @ linear_systems.neutral_motions(model, x, parameter, forces)).T)
+        neutral = linear_systems.across(Z.T @ linear_systems.neutral_motions(model, x, parameter, forces))
+        turning = turning or Turning(model)
+        tried = 0
         right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
         while True:
+            tried += 1
             if mu > MOST_REGULARIZATION * stiffest:
                 if size <= spent:  # no step lowers an energy whose digits are spent
                     return x, forces, taken
@@ -186,8 +192,11 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
             stretch = (C @ s)[elastic]
             slope = float(left @ s)
             predicted = slope + 0.5 * float(s @ (H @ s)) + 0.5 * float(np.sum(stretch**2 / model.compliance[elastic]))
-            longest = float(np.abs(move).max(initial=0.0))
-            if not (predicted < 0 and longest <= LONGEST_MOVE * length):
+            if not (predicted < 0 and np.abs(move).max(initial=0.0) <= farthest):
+                mu *= 4.0
+                continue
+            move, longest = turning.move(x, move)
+            if not longest <= LONGEST_MOVE * length:
                 mu *= 4.0
                 continue
             target = model.rod_lengths + model.compliance * (forces + change)
@@ -211,8 +220,10 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
                 good = ratio > 1e-3
             if good:
                 x, energy, gradient, forces = there, energy_there, gradient_there, forces_there
+                # What has just been found too little is not tried again at once.
+                less = 6.0 if tried == 1 else 2.0 if tried == 2 else 1.0
                 mu = (
-                    max(mu / 6.0, LEAST_REGULARIZATION * stiffest)
+                    max(mu / less, LEAST_REGULARIZATION * stiffest)
                     if ratio > 0.6
                     else mu * (1.0 if ratio > 0.2 else 2.0)
                 )

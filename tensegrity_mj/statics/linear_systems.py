@@ -154,12 +154,22 @@ DENSE = 1800  # free coordinates up to which eigenvalues are found by dense matr
 PROXIMAL = 1e-8
 RIDGE = 1e-14
 PROJECTIONS = 30
+OUTWEIGHED = 1e-4  # of an entry 1, see `across`
 LENGTHS, DETERMINED = 1e-12, 1e-6  # see `own_stresses`
 
 
 def saddle_matrix(H: sparse.csr_array, C: sparse.csr_array, compliance: Array) -> sparse.csc_array:
     """[H Cᵀ; C -diag(compliance)]."""
     return sparse.csc_array(sparse.block_array([[H, C.T], [C, -sparse.diags_array(compliance)]]))
+
+
+def across(motions: Array) -> sparse.csr_array:
+    """Rows (p, q) that keep steps across orthonormal motions (q, p) of the whole.
+
+    They have entries everywhere: one that is taken as a pivot before all others are fills the factors. As `OUTWEIGHED`,
+    none is, as long as any entry of its column resists.
+    """
+    return sparse.csr_array(OUTWEIGHED * motions.T)
 
 
 def solve(matrix: sparse.csc_array | Array, right: Array) -> Array | None:
