@@ -114,7 +114,8 @@ def simulated(
         progress=True,
     )
     explain_warnings(run, engine, law, actuation)
-    for text in run.reports.get("taken", ()):
+    remark = run.reports.get("cheaper")
+    for text in (*run.reports.get("taken", ()), *([remark] if remark else [])):
         print(f"note: {text}", file=sys.stderr)
     return run
 

@@ -24,11 +24,11 @@ from tensegrity_mj.model.rigidity import turned
 from tensegrity_mj.statics.linear_systems import neutral_motions
 from tensegrity_mj.statics.model import EPS, StaticModel
 
-# Of the sum of squares of a node's spans: what resists turns that they do not show, as of a straight chain about itself.
+# Of the sum of squares of a node's spans: what resists turns that none shows, as of a straight chain about itself.
 UNSEEN = 1e-6
 # Of one span in the fit: what keeps nodes that no member holds in place, far below the (π/n)² of n members in a row.
 LOOSE = 1e-9
-ALIGNED = 30  # motions of the whole at most, of which each leaves a part of the last one; and round-offs that are left
+ALIGNED = 30  # motions of the whole at most, of which each leaves a part of the last one; and round-offs left
 
 
 class Turning:

@@ -57,7 +57,7 @@ def test_steps_do_not_grow_with_the_length_of_a_tower() -> None:
 
 
 def test_the_answer_is_that_of_straight_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both leave at most round-off r of each force, which moves no motion by more than √q r / λ, λ the lowest stiffness.
+    """Both leave at most round-off r of each force: √q r / λ of a motion, λ the lowest stiffness.
 
     Members' lengths change by at most √2 of that; twice it, for both.
     """
@@ -88,7 +88,7 @@ def test_a_whole_that_is_held_stays() -> None:
 
 
 def test_rows_across_do_not_fill_factors() -> None:
-    """Factors of a tower's equations grow with its length, as those of a band do: rows with entries everywhere are last."""
+    """Factors of a tower's equations grow with its length, as a band's do: rows with entries everywhere are last."""
     state = find_equilibrium(tower(96))
     model, Z = state.model, state.model.boundary.Z
     H = sparse.csr_array(Z.T @ model.hessian(state.x, state.bar_forces) @ Z)
@@ -99,6 +99,6 @@ def test_rows_across_do_not_fill_factors() -> None:
     compliance[: C.shape[0]] = linear_systems.proximal(model)
     least = 1e-12 * model.scale[1] * sparse.eye_array(len(state.x))
     factors = splu(linear_systems.saddle_matrix(sparse.csr_array(H + least), rows, compliance))
-    # A band of half its width w has 2 w entries a row in its factors; of 36 coordinates and 6 rods of two stages, and the
-    # 6 rows, w is 48 at most. Filled, the factors have more than 400 a row.
+    # A band of half its width w has 2 w entries a row in its factors; of 36 coordinates and 6 rods of two stages,
+    # and the 6 rows, w is 48 at most. Filled, the factors have more than 400 a row.
     assert factors.L.nnz + factors.U.nnz < 2 * 48 * rows.shape[1] * 7 / 6

@@ -23,6 +23,7 @@ from tensegrity_mj.engines import continuing, driving, requirements
 from tensegrity_mj.engines.mujoco import contact, implicit_forces, install, joints, prepared, run_view
 from tensegrity_mj.engines.mujoco.callback import finish_row, read_nodes
 from tensegrity_mj.engines.mujoco.install import finish
+from tensegrity_mj.engines.mujoco.mjcf_tree import cheaper
 from tensegrity_mj.engines.mujoco.motion import count_constraints, set_supports
 from tensegrity_mj.engines.mujoco.run_view import RunView
 from tensegrity_mj.engines.mujoco.settings import MuJoCo
@@ -225,6 +226,8 @@ class MuJoCoRun:
         if self.contacts is not None:
             own = rows[:, states + (self.joints.width if self.joints else 0) :]
             pushes, forces, reports["contact"] = self.contacts.forces(own)
+        if note := cheaper(self.request.scene, self.tree):
+            reports["cheaper"] = note
         constraint_forces = rows[:, rows.shape[1] - len(structure.constraints) :].copy()
         if structure.constraints:
             forces = (constraint_forces @ structure.constraint_rows).reshape(count, -1, 3)
