@@ -31,7 +31,7 @@ from tensegrity_mj.controllers.known import ModelLaw, PackedEffects, described
 from tensegrity_mj.controllers.quadratic_terms import Known, quadratic_terms
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.lanes import WIDTHS, all_of, any_of, room_like, select
-from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, LaneLaw, NativeLaw, Report, check_made_for
 from tensegrity_mj.dynamics.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
@@ -39,6 +39,7 @@ from tensegrity_mj.dynamics.native.pointers import (
     floats,
     inlined,
 )
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target, standing_targets
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -240,14 +241,23 @@ class QuadraticLaw(ModelLaw):
             known=tuple(self.known),
             failure=self._effects.failure if self._effects.in_python else None,
             decay_rate=self.decay_rate,
-            function=_law if self._goes_into_lanes(room) else None,
+            lanes=self._in_lanes(known, room),
             stateless=len(scratch) == 0,
         )
 
-    def _goes_into_lanes(self, room: int) -> bool:
-        known = self._known
+    def _in_lanes(self, known: Table, room: int) -> LaneLaw | None:
+        """The law for several runs, where it is plain; its targets differ where they stand still."""
         plain = known["bounds"] == UNBOUNDED and known["norm"] == 2.0 and not known["effects"]
-        return bool(plain and room * max(WIDTHS) <= STACK_LIMIT)
+        if not plain or room * max(WIDTHS) > STACK_LIMIT:
+            return None
+
+        def kind() -> Any:
+            aim, gains = known.arrays["target"], known["gains"]
+            scalars = tuple((gains[name][:, 2] != 0.0).tobytes() for name in ("scalars_z", "scalars_b"))
+            moves = (aim["nodes"].tobytes(), aim["quintics"].tobytes(), aim["shapes"].tobytes())
+            return known.alike(("target",)), scalars, aim["times"].tobytes(), moves if aim["count"] > 1 else ()
+
+        return LaneLaw(_law, known, kind)
 
     def native(self, structure: Structure) -> NativeLaw:
         """The compiled law, for a plant with the same nodes and strings.

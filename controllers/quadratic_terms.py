@@ -27,6 +27,7 @@ from tensegrity_mj.basics.checks import check_definite, check_known, real_array
 from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.dynamics.kernels import place_ends, rod_accelerations, wet_rod_accelerations
 from tensegrity_mj.dynamics.native.elements import known_forces
+from tensegrity_mj.dynamics.native.lanes import any_of
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, inlined
 from tensegrity_mj.dynamics.native.strings import share, string_length
@@ -216,7 +217,7 @@ Known, pack_known = view_of(
     floor=("f8", "string_count"),
     limits=("f8", 3, "string_count"),
     scratch="size",  # address of room, 0 where the stack has enough
-    decay_rate="real",
+    decay_rate="each",
     norm="real",
 )
 
@@ -224,7 +225,7 @@ Known, pack_known = view_of(
 @inlined
 def _quadratic(scalars: Any, X: Any, Y: Any, Z: Any, p: Any, p_rate: Any, rate: Any) -> tuple[float, float, float, Any]:
     """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block; `scalars` are X, Y, Z where Z's is not 0."""
-    if scalars[2] != 0.0:
+    if any_of(scalars[2] != 0.0):
         Xp, Ye, Ze, Yp = times(scalars[0], p), times(scalars[1], rate), times(scalars[2], rate), times(scalars[1], p)
     else:
         Xp, Ye, Ze, Yp = apply(X, p), apply(Y, rate), apply(Z, rate), apply_transposed(Y, p)

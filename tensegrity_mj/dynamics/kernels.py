@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.lanes import any_of
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import (
     ZERO,
@@ -318,7 +319,7 @@ def normalize(q: Any, rates: Any, rods: Any) -> None:
 @inlined
 def normalize_direction(rod: Any, q: Any, rates: Any, at: int) -> None:
     """(3.23)-(3.24): the b of a rigid rod, from place `at` of q on, to unit length, ḃ orthogonal to it."""
-    if rod.rigid == 0.0:
+    if any_of(rod.rigid == 0.0):
         return
     nb, square, along = rod.nb, 0.0, 0.0
     for p in range(at, at + nb):

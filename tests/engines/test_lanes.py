@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.controllers import Lyapunov
+from tensegrity_mj.controllers import Gains, Lyapunov
 from tensegrity_mj.engines.reference import in_lanes
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model import Break, Load
@@ -28,10 +29,11 @@ def width(request, monkeypatch) -> int:
     return int(request.param)
 
 
-def check_each_alone(scenes: Any, law: Any, threads: int = 1, **options: Any) -> Any:
+def check_each_alone(scenes: Any, laws: Any, threads: int = 1, **options: Any) -> Any:
     """Runs in lanes are the single runs, to the last bit and the last word; where both end, so does what goes on."""
-    runs = tmj.simulate_many(scenes, law, DAE, threads=threads, **options)
+    runs = tmj.simulate_many(scenes, laws, DAE, threads=threads, **options)
     for number, scene in enumerate(scenes):
+        law = laws[number] if isinstance(laws, list) else laws
         if runs.status[number] is tmj.Status.DIVERGED:
             with pytest.raises(DivergenceError) as single:
                 tmj.simulate(scene, law, DAE, **options)
@@ -115,6 +117,31 @@ def test_impossible_commands_are_counted_by_lane(prism, width) -> None:
     assert max(counts) > 0
     assert len(set(counts)) > 1
     assert runs.cost["lanes"]["runs"] == 5
+
+
+def test_numbers_of_structures_and_laws_are_lanes_of_their_own(prism, width) -> None:
+    """Masses, stiffness, damping, rest lengths, gravity; gains, decay rates, targets."""
+    own = prism.structure
+
+    def other(k: float) -> tmj.Scene:
+        rods = tuple(replace(rod, mass=rod.mass * (1.0 + k)) for rod in own.rods)
+        strings = tuple(replace(one, stiffness=one.stiffness * (1.0 + k), damping=0.3 * k) for one in own.strings)
+        structure = replace(own, rods=rods, strings=strings)
+        return prism.with_(structure=structure, gravity=(0.0, k, -9.81))
+
+    scenes = [other(0.07 * k) for k in range(width + 2)]
+    ways = along(prism, None, len(scenes))
+    laws = [
+        Lyapunov(one.structure, way.nodes0, decay_rate=1.0 + k, rotation=Gains(1.0 + k, 1.0, 1.5), gravity=one.gravity)
+        for k, (one, way) in enumerate(zip(scenes, ways, strict=True))
+    ]
+    for chosen, threads in ((None, 2), (laws, 1), (laws, 2)):
+        runs = check_each_alone(scenes, chosen, threads, duration=0.05)
+        assert runs.cost["lanes"] == {"width": width, "runs": len(scenes), "alone": {}}
+    # Laws by other formulas, as of gains that are no multiples of one, are of another kind.
+    skew = Lyapunov(prism.structure, ways[1].nodes0, rotation=Gains(np.diag([1.0, 2.0, 3.0]), 0.5, 2.0))
+    runs = check_each_alone([*scenes, prism], [*laws, skew], duration=0.02)
+    assert runs.cost["lanes"]["alone"] == {"too few others are like it": 1}
 
 
 def test_what_does_not_go_into_lanes_runs_beside_them(prism, law, width) -> None:

@@ -25,7 +25,7 @@ class Lanes(types.Type):  # type: ignore[misc]
     """numba's type of `width` float64 side by side."""
 
     def __init__(self, width: int) -> None:
-        self.width = width
+        self.width, self.bitwidth = width, 64 * width
         super().__init__(name=f"Lanes{width}")
 
     def unify(self, typingctx: Any, other: Any) -> Any:
@@ -51,6 +51,29 @@ class Mask(types.Type):  # type: ignore[misc]
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
         """From a boolean."""
         return Conversion.safe if isinstance(other, types.Boolean) else None
+
+
+class LaneRecord(types.Record):  # type: ignore[misc]
+    """numba's type of a record whose reals are in lanes; its whole numbers are those of the first one."""
+
+    def __init__(self, of: Any, width: int) -> None:
+        fields = []
+        for name, info in of.fields.items():
+            kind: Any = Lanes(width)
+            if isinstance(info.type, types.NestedArray):
+                kind = types.NestedArray(kind, info.type.shape)
+            elif isinstance(info.type, types.Integer):
+                kind = info.type
+            fields.append((name, {"type": kind, "offset": info.offset * width}))
+        super().__init__(fields, of.size * width, aligned=False)
+
+    @property
+    def dtype(self) -> Any:
+        """NumPy's, of its size."""
+        return np.dtype(f"V{self.size}")
+
+
+register_model(LaneRecord)(models.RecordModel)
 
 
 class LaneAddress(types.Type):  # type: ignore[misc]

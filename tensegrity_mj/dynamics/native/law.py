@@ -66,6 +66,21 @@ class Report(enum.IntEnum):
 SOLVED, NO_SOLUTION, FAILED, NOT_FINITE = 0, 1, 2, 3
 
 
+@dataclass(frozen=True)
+class LaneLaw:
+    """A law for several runs side by side (`native.lanes`), which answers by NaN where there is no solution.
+
+    Attributes:
+        function: the C function.
+        table: its data.
+        kind: () -> what laws have in common whose data can be in lanes of their own.
+    """
+
+    function: CFunction
+    table: Table
+    kind: Callable[[], Any]
+
+
 @dataclass
 class NativeLaw:
     """A law as a C function (see `native.pointers`): what engines call.
@@ -84,8 +99,7 @@ class NativeLaw:
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last called, in a list of at most one text.
         spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
-        function: the C function, where it answers several runs side by side, too (`native.lanes`), by NaN where there
-            is no solution.
+        lanes: what it is to several runs side by side, where it can answer them.
         stateless: its answer depends on its arguments alone, and threads may call it at the same time.
         own: the law as it was given, for an engine that does not call C functions.
     """
@@ -105,7 +119,7 @@ class NativeLaw:
     known: tuple[Any, ...] = ()
     decay_rate: float | None = None
     spent: list[float] | None = None
-    function: CFunction | None = None
+    lanes: LaneLaw | None = None
     stateless: bool = False
     own: Any = None
 
@@ -116,7 +130,7 @@ WITHIN: dict[str, Any] = {"law": "size", "context": "size"}
 
 def wrapped(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
     """Wrap a law in a C function, which finds it in `packed`, a table with the fields WITHIN."""
-    return replace(inner, address=function.address, context=packed.address, keep=(inner, packed), function=None)
+    return replace(inner, address=function.address, context=packed.address, keep=(inner, packed), lanes=None)
 
 
 def check_made_for(own: Structure, structure: Structure) -> None:

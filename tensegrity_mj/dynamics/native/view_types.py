@@ -12,7 +12,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, lower_getattr_generic, lower_setattr_generic, models, register_model
 from numba.np import arrayobj
 
-from tensegrity_mj.dynamics.native.lane_types import Lanes
+from tensegrity_mj.dynamics.native.lane_types import LaneRecord, Lanes
 
 Field = str | tuple[Any, ...]
 
@@ -54,6 +54,8 @@ class View(types.Type):  # type: ignore[misc]
         kind = numba.from_dtype(np.dtype(field[0]))
         if self.lanes is not None and kind is types.float64 and name not in self.same:
             kind = Lanes(self.lanes.width)
+        elif self.lanes is not None and self.lanes.varied and isinstance(kind, types.Record):
+            kind = LaneRecord(kind, self.lanes.width)
         return types.Array(kind, len(field) - 1, "C")
 
 
@@ -105,7 +107,8 @@ def _get(context: Any, builder: Any, view: View, value: Any, name: str) -> Any:
     kind = view.type_of(name)
     array = context.make_array(kind)(context, builder)
     extents = [_word(builder, view, value, extent) if isinstance(extent, str) else WORD(extent) for extent in field[1:]]
-    size = WORD(np.dtype(field[0]).itemsize * getattr(kind.dtype, "width", 1))
+    in_lanes = isinstance(kind.dtype, (Lanes, LaneRecord))
+    size = WORD(np.dtype(field[0]).itemsize * (view.lanes.width if in_lanes else 1))
     strides = [size]
     for extent in reversed(extents[1:]):
         strides.insert(0, builder.mul(strides[0], extent))

@@ -23,7 +23,7 @@ from __future__ import annotations
 import functools
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -132,16 +132,39 @@ class Table:
             self.arrays[name] = value
             table[place] = address_of(value)
 
-    def in_lanes(self, width: int) -> Table:
-        """A table for `native.lanes`, its arrays with the numbers of this one in each lane."""
+    def in_lanes(self, tables: Sequence[Table], varied: bool) -> Table:
+        """A table for `native.lanes`, with the reals of these tables in its lanes, and all else of this one.
+
+        `varied`: whether records, and arrays that are the SAME where it is False, have lanes.
+        """
         made = Table.__new__(Table)
         made.view, made._layout, made.sizes = self.view, self._layout, dict(self.sizes)
         made.table, made.arrays = self.table.copy(), dict(self.arrays)
         made._reals, made.address = made.table.view(np.float64), address_of(made.table)
         for name, (_, kind, dtype, _) in self._layout.items():
-            if kind == "each" or (not kind and dtype.str == "<f8" and name not in SAME):
-                made.lend(name, lanes_of(np.asarray(self[name]), width))
+            if kind != "each" and (kind or dtype.kind == "i" or not (varied or (dtype == "f8" and name not in SAME))):
+                continue
+            values = [np.asarray(one[name]) for one in tables]
+            if not kind and dtype.names:
+                values = [value.view(np.float64).reshape(len(value), dtype.itemsize // 8) for value in values]
+            out = lanes_of(values[0], len(tables))
+            for lane, value in enumerate(values[1:], 1):
+                out[..., lane] = value
+            made.lend(name, out)
         return made
+
+    def alike(self, apart: Collection[str] = ()) -> tuple[Any, ...]:
+        """What tables have in common that go into lanes together: all but reals, and the fields `apart`."""
+        found: list[Any] = []
+        for name, (place, kind, dtype, _) in self._layout.items():
+            if kind and kind != "each" and name not in apart:
+                found.append(int(self.table[place]))
+            elif not kind and dtype.names:
+                array = self.arrays[name]
+                found += [array[part].tobytes() for part in dtype.names if dtype[part].kind == "i"]
+            elif not kind and dtype.kind == "i":
+                found.append(self.arrays[name].tobytes())
+        return tuple(found)
 
     def lend(self, name: str, array: np.ndarray[Any, Any]) -> None:
         """Set the address of an array in lanes."""

@@ -53,10 +53,10 @@ class IntegratedEnsemble:
         requests = [replace(request, progress=False) for request in requests]
         first = _ready(options.prepared(requests[0]))
         check_rows(float(len(requests)) * first.rows.shape[0], first.rows.shape[1])
-        self.groups, self.alone = groups_of(options, requests, first)
+        self.groups, ready, self.alone = groups_of(options, requests, first)
         in_lanes = {run.number: run for group in self.groups for run in group.runs}
         self.members: list[FixedSteps | ErrorControlled | LaneRun] = [
-            in_lanes.get(number) or (_ready(options.prepared(request)) if number else first)
+            in_lanes.get(number) or ready.get(number) or (_ready(options.prepared(request)) if number else first)
             for number, request in enumerate(requests)
         ]
         self.times: Array = first.times

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.compiling import CFunction
 from tensegrity_mj.dynamics.native.kept import processors
 from tensegrity_mj.dynamics.native.lanes import WIDTHS, in_lanes
 from tensegrity_mj.dynamics.native.views import Table, lanes_of
@@ -29,6 +28,13 @@ from tensegrity_mj.runs.trajectory import Trajectory
 # What a run has of its own at the end of its steps; the rest of a plant follows from its state.
 OWN = ("held", "memory", "winch", "sampled_lengths", "watched", "resolution", "report", "rows")
 FEWEST = 4  # runs that lanes are worth their preparation for
+APART = (
+    "law_context",
+    "elements",
+    "seen",
+    "damped",
+)  # addresses of what each plant has of its own, and what is not read
+OTHERS_EQUATIONS = "rods share nodes, or supports move"
 FUNCTIONS = ("place", "accelerate", "project")
 
 
@@ -45,7 +51,7 @@ def why_alone(options: Any, request: Request) -> str:
         (bool(options.locate_slack), "its steps are split where strings change"),
         (request.start is not None, "it goes on from another run"),
         (request.sampled, "its law is sampled"),
-        (bool(law.address) and law.function is None, "its law is not one of chapters 5 and 6 without limits"),
+        (bool(law.address) and law.lanes is None, "its law is not one of chapters 5 and 6 without limits"),
         (bool(scene.breaks), "strings break"),
         (bool(scene.effects), "elements act"),
         (not scene.structure.curves.linear, "strings have tension curves"),
@@ -74,7 +80,7 @@ class LaneRun:
     @cached_property
     def single(self) -> FixedSteps:
         """The run with a plant of its own, at the end of the steps that its lane has taken."""
-        made = FixedSteps(self.group.options.prepared(self.request))
+        made = self.group.singles.get(self.number) or FixedSteps(self.group.options.prepared(self.request))
         if not self.fell_out:
             self.group.put_back(self.place, made)
         return made
@@ -104,60 +110,76 @@ class LaneRun:
 
 
 class LaneGroup:
-    """Runs that differ in what lanes can have of their own, in blocks.
+    """Runs of one kind, in blocks.
 
     Attributes:
         runs: of the group.
+        singles: by number; of runs that differ in starts alone there is the first one, or none.
         blocks: their number.
         cost: steps and evaluations of each run.
     """
 
-    def __init__(self, options: Any, given: Mapping[int, Request], pattern: FixedSteps, width: int) -> None:
-        self.options, self.width, self.pattern, requests = options, width, pattern, list(given.values())
+    def __init__(
+        self, options: Any, given: Mapping[int, Request], singles: Mapping[int, FixedSteps], width: int, varied: bool
+    ) -> None:
+        self.options, self.singles, self.width, self.varied = options, singles, width, varied
         self.runs = [LaneRun(self, place, *one) for place, one in enumerate(given.items())]
-        self.blocks = -(-len(requests) // width)
-        plant, run = pattern.plant, pattern.run
+        self.blocks = -(-len(given) // width)
+        self.pattern = pattern = next(iter(singles.values()))
+        run, law = pattern.run, pattern.request.law
         wanted = {f"{name}_function": getattr(run.equations, name) for name in FUNCTIONS}
-        wanted |= {"rates_function": rates_of_state, "law": requests[0].law.function}
-        self._functions = {name: self._laned(one).address if one else 0 for name, one in wanted.items()}
-        self._steps = self._laned(rk4_steps)
+        wanted |= {"rates_function": rates_of_state, "law": law.lanes.function if law.lanes else None}
+        self._functions = {name: in_lanes(one, width, varied).address if one else 0 for name, one in wanted.items()}
+        self._steps, self.cost = in_lanes(rk4_steps, width, varied), pattern.cost
         _ = self._steps.address  # compiles
-        # Every block's numbers, lane by lane: (blocks, ..., width).
-        self.own = {name: lanes_of(plant[name], width, (self.blocks,)) for name in OWN}
-        self.y = lanes_of(run.y, width, (self.blocks,))
-        nq, scenes = run.records.nq, [request.scene for request in requests]
-        states = run.records.state(
-            np.array([scene.nodes0 for scene in scenes]), np.array([scene.velocities0 for scene in scenes])
-        )
-        for part, values in enumerate(states):
-            self._spread(values, self.y[:, part * nq : (part + 1) * nq])
-        self.cost = pattern.cost
+        # What each run has of its own, (..., width) of every block.
+        self.own: dict[str, Any]
+        if varied:
+            of_blocks = [[singles[self._run_of(block, lane).number] for lane in range(width)] for block in self._all]
+            self._tables = [self._laned(ones) for ones in of_blocks]
+            self.own = {name: [plant.arrays[name] for _, plant in self._tables] for name in OWN}
+            self.own["y"] = [own.arrays["y"] for own, _ in self._tables]
+            return
+        self.own = {name: lanes_of(pattern.plant[name], width, (self.blocks,)) for name in OWN}
+        self.own["y"] = lanes_of(run.y, width, (self.blocks,))
+        scenes, nq = [self._run_of(0, place).request.scene for place in range(self.blocks * width)], run.records.nq
+        nodes, velocities = (np.array([getattr(scene, name) for scene in scenes]) for name in ("nodes0", "velocities0"))
+        for part, values in enumerate(run.records.state(nodes, velocities)):
+            lanes = values.reshape(self.blocks, width, nq).swapaxes(1, 2)
+            self.own["y"][:, part * nq : (part + 1) * nq] = lanes
 
-    def _laned(self, function: CFunction) -> CFunction:
-        return in_lanes(function, self.width, False)
+    @property
+    def _all(self) -> range:
+        return range(self.blocks)
 
-    def _spread(self, values: Array, out: Array) -> None:
-        """Put numbers of each run (runs, n) into their lanes; lanes of no run repeat the last one."""
-        places = np.minimum(np.arange(self.blocks * self.width), len(values) - 1).reshape(self.blocks, self.width)
-        out[:] = values[places].swapaxes(1, 2)
+    def _run_of(self, block: int, lane: int) -> LaneRun:
+        """The run in a lane; those of no run repeat the last one."""
+        return self.runs[min(block * self.width + lane, len(self.runs) - 1)]
 
-    def tables(self) -> tuple[Table, Table]:
-        """Tables of a run in fixed steps and of its plant, in lanes, for one thread: all but what is a block's own."""
-        plant = self.pattern.plant.in_lanes(self.width)
+    def _laned(self, singles: Sequence[FixedSteps]) -> tuple[Table, Table]:
+        """Tables in lanes, of runs in fixed steps and of their plants."""
+        first = singles[0]
+        plant = first.plant.in_lanes([one.plant for one in singles], self.varied)
         plant.set(**self._functions)
-        own = self.pattern.own.in_lanes(self.width)
+        if self.varied and first.request.law.lanes:
+            laws = [one.request.law.lanes.table for one in singles if one.request.law.lanes]
+            plant["law_context"] = laws[0].in_lanes(laws, True)
+        own = first.own.in_lanes([one.own for one in singles], self.varied)
         own["table"] = plant
         return own, plant
 
-    def go(self, block: int, tables: tuple[Table, Table]) -> list[LaneRun]:
+    def tables(self) -> list[tuple[Table, Table]]:
+        """Tables of all blocks, for one thread: where runs differ in starts alone, those of each are the same ones."""
+        return self._tables if self.varied else [self._laned([self.pattern] * self.width)] * self.blocks
+
+    def go(self, block: int, tables: Sequence[tuple[Table, Table]]) -> list[LaneRun]:
         """Take the steps of a block; return those of its runs that are to be made alone."""
-        own, plant = tables
-        grid, y = self.pattern.grid, self.y[block]
-        for name, arrays in self.own.items():
-            plant.lend(name, arrays[block])
+        own, plant = tables[block]
+        grid, y = self.pattern.grid, self.own["y"][block]
+        for name in OWN:
+            plant.lend(name, self.own[name][block])
         own.lend("y", y)
         own.set(steps=grid.first, evaluations=0)
-        runs = self.runs[block * self.width : (block + 1) * self.width]
         sound = np.ones(self.width, bool)
         for first, count in chunks(grid.count):
             status = self._steps(own.address, grid.first + first, count)
@@ -166,6 +188,7 @@ class LaneGroup:
                 break
         if sound.any():
             self.cost = {"steps": own["steps"] - grid.first, "evaluations": own["evaluations"]}
+        runs = self.runs[block * self.width : (block + 1) * self.width]
         lost = [run for run, stands in zip(runs, sound, strict=False) if not stands]
         for run in lost:
             run.fell_out = True
@@ -174,27 +197,25 @@ class LaneGroup:
     def put_back(self, place: int, made: FixedSteps) -> None:
         """Bring a single run to where its lane is, and let it arrive there."""
         block, lane = divmod(place, self.width)
-        for name, arrays in self.own.items():
-            made.plant[name][:] = arrays[block, ..., lane]
-        made.run.y[:] = self.y[block, :, lane]
+        for name in OWN:
+            made.plant[name][:] = self.own[name][block][..., lane]
+        made.run.y[:] = self.own["y"][block][:, lane]
         made.own.set(steps=made.grid.first + self.cost["steps"], evaluations=self.cost["evaluations"])
         made.arrive()
 
 
 def groups_of(
-    options: Any, requests: Sequence[Request], first: Any, width: int | None = None
-) -> tuple[list[LaneGroup], dict[str, int]]:
+    options: Any, requests: Sequence[Request], first: Any
+) -> tuple[list[LaneGroup], dict[int, FixedSteps], dict[str, int]]:
     """Sort runs into lanes.
 
     Args:
         options, requests: of the engine and the runs.
         first: the first run, ready to start.
-        width: of the lanes; by default what the processor's registers hold.
 
     Returns:
-        The groups, and how many runs are made alone, by the reason.
+        The groups; runs that are ready and go alone, by number; and how many runs go alone, by the reason.
     """
-    width = native_width() if width is None else width
     kinds: dict[Any, dict[int, Request]] = {}
     alone: Counter[str] = Counter()
     for number, request in enumerate(requests):
@@ -203,15 +224,22 @@ def groups_of(
             alone[reason] += 1
         else:
             kinds.setdefault(kind_of(request), {})[number] = request
-    groups = []
+    width, groups, ready = native_width(), [], {}
+    mixed: dict[Any, dict[int, Request]] = {}  # of which each has its own structure or law
     for given in kinds.values():
-        number, request = next(iter(given.items()))
+        for number, request in given.items():
+            ready[number] = one = first if number == 0 else FixedSteps(options.prepared(request))
+            if not one.run.equations.lanes:
+                alone[OTHERS_EQUATIONS] += 1
+            elif len(given) >= FEWEST:
+                groups.append(LaneGroup(options, given, {number: ready.pop(number)}, width, False))
+                break
+            else:
+                law = request.law.lanes.kind() if request.law.lanes else None
+                mixed.setdefault((one.plant.alike(APART), law), {})[number] = request
+    for given in mixed.values():
         if len(given) < FEWEST:
             alone["too few others are like it"] += len(given)
-            continue
-        pattern = first if number == 0 else FixedSteps(options.prepared(request))
-        if pattern.run.equations.lanes:
-            groups.append(LaneGroup(options, given, pattern, width))
         else:
-            alone["its equations are those of one run"] += len(given)
-    return groups, dict(alone)
+            groups.append(LaneGroup(options, given, {number: ready.pop(number) for number in given}, width, True))
+    return groups, ready, dict(alone)
