@@ -12,7 +12,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Gains, Lyapunov
 from tensegrity_mj.engines.reference import in_lanes
 from tensegrity_mj.errors import DivergenceError
-from tensegrity_mj.model import Break, Load
+from tensegrity_mj.model import Break, Load, Motion
 
 H = 1e-3
 DAE = tmj.DAE(method="rk4", timestep=H)
@@ -151,6 +151,14 @@ def test_what_does_not_go_into_lanes_runs_beside_them(prism, law, width) -> None
     scenes = [broken, starts[0], pushed, *starts[1:]]
     runs = check_each_alone(scenes, law, 2, duration=0.05)
     assert runs.cost["lanes"] == {"width": width, "runs": 5, "alone": {"strings break": 1, "elements act": 1}}
+    dropped = tmj.load_scene("six_bar_drop")
+    scenes = [dropped.with_(contact=None), dropped, *[dropped.with_(contact=None)] * 3]
+    runs = check_each_alone(scenes, None, duration=0.02)
+    assert runs.cost["lanes"]["alone"] == {"it may touch something": 1}
+    rod = tmj.load_scene("pinned_rod")
+    lifted = Motion.in_line("n3", amplitude=0.01, direction=(0.0, 0.0, 1.0), frequency=5.0)
+    runs = check_each_alone([rod, rod, rod.with_(motions=(lifted,)), rod, rod], None, duration=0.02)
+    assert runs.cost["lanes"]["alone"] == {"supports move": 1}
     held = tmj.Actuation.hold_rest_length(0.01)
     sampled = tmj.simulate_many(starts, law, DAE, duration=0.05, actuation=held)
     assert sampled.cost["lanes"]["alone"] == {"its law is sampled": 5}

@@ -34,7 +34,7 @@ APART = (
     "seen",
     "damped",
 )  # addresses of what each plant has of its own, and what is not read
-OTHERS_EQUATIONS = "rods share nodes, or supports move"
+OTHERS_EQUATIONS = "rods share nodes, or the solver is that of one system"
 FUNCTIONS = ("place", "accelerate", "project")
 
 
@@ -54,6 +54,8 @@ def why_alone(options: Any, request: Request) -> str:
         (bool(law.address) and law.lanes is None, "its law is not one of chapters 5 and 6 without limits"),
         (bool(scene.breaks), "strings break"),
         (bool(scene.effects), "elements act"),
+        (bool(scene.motions), "supports move"),
+        (scene.contact is not None, "it may touch something"),
         (not scene.structure.curves.linear, "strings have tension curves"),
     )
     return next((reason for holds, reason in reasons if holds), "")
