@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -68,6 +70,49 @@ print(first, second, sum(answer.dispatcher.stats.cache_hits.values()), by_addres
 }
 
 
+# Half of the time of a process is to import numba and to compile a first function: each is forked from one that has.
+SERVER = """
+import json, os, runpy, sys, traceback
+import numba
+import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.native import compiling
+sys.dont_write_bytecode = True  # files are edited within a second of each other, which bytecode does not see
+tmj.controllers.CompiledLaw, tmj.load_scene("prism"), numba.njit(lambda x: x + 1.0)(1.0)
+for line in sys.stdin:
+    folder, script, environment = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.chdir(folder)
+        os.environ.update(environment)
+        for number, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        sys.path.insert(0, folder)
+        failed = False
+        try:
+            runpy.run_path(script, run_name="__main__")
+        except BaseException:
+            traceback.print_exc()
+            failed = True
+        sys.stdout.flush()
+        os._exit(failed)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+servers: list[subprocess.Popen[str]] = []
+
+
+@pytest.fixture(scope="module", autouse=True)
+def server() -> Iterator[None]:
+    """Whence `run` forks."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", SERVER], env=inherited, **pipes) as process:
+        servers.append(process)
+        yield
+        servers.clear()
+        assert process.stdin is not None
+        process.stdin.close()
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Four files of compiled functions, and a script that calls them."""
@@ -76,15 +121,20 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, script: str = "evaluate.py", **environment: str) -> subprocess.CompletedProcess[str]:
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
-    return subprocess.run(
-        [sys.executable, script], cwd=folder, capture_output=True, text=True, check=True, env=inherited | environment
-    )
+def run(folder: Path, script: str = "evaluate.py", **environment: str) -> tuple[str, str]:
+    """What a script prints in a process of its own, and its messages."""
+    (process,) = servers
+    assert process.stdin is not None
+    assert process.stdout is not None
+    print(json.dumps([str(folder), script, environment]), file=process.stdin, flush=True)
+    code = process.stdout.readline()
+    out, err = ((folder / name).read_text() for name in ("out", "err"))
+    assert code == "0\n", err
+    return out, err
 
 
 def answers(folder: Path, **environment: str) -> tuple[float, ...]:
-    return tuple(map(float, run(folder, **environment).stdout.split()))
+    return tuple(map(float, run(folder, **environment)[0].split()))
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -151,22 +201,20 @@ def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(fold
 
 def test_without_any_writable_folder_everything_runs_with_one_warning(folder: Path) -> None:
     (folder / "__pycache__").write_text("")
-    done = run(folder, HOME=os.devnull)
-    assert done.stdout.split() == ["20.75", "20.0", "0", "0"]
-    assert done.stderr.count("RuntimeWarning") == 1
-    assert re.search(r"compiled functions cannot be kept: neither .* NUMBA_CACHE_DIR to a folder", done.stderr)
+    out, err = run(folder, HOME=os.devnull)
+    assert out.split() == ["20.75", "20.0", "0", "0"]
+    assert err.count("RuntimeWarning") == 1
+    assert re.search(r"compiled functions cannot be kept: neither .* NUMBA_CACHE_DIR to a folder", err)
 
 
 def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> None:
     (folder / "full.py").write_text(
-        "import resource, sys\nsys.dont_write_bytecode = True\nimport tensegrity_mj.dynamics.native.compiling\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "import evaluate\n"
+        "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\nimport evaluate\n"
     )
-    done = run(folder, "full.py")
-    assert done.stdout.split() == ["20.75", "20.0", "0", "0"]
-    assert done.stderr.count("RuntimeWarning") == 1
-    assert "File too large" in done.stderr
+    out, err = run(folder, "full.py")
+    assert out.split() == ["20.75", "20.0", "0", "0"]
+    assert err.count("RuntimeWarning") == 1
+    assert "File too large" in err
     assert not list((folder / "__pycache__").glob("*.nb*"))
 
 
