@@ -23,6 +23,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads o
     # `-n 0` tests what users run.
     compile_quickly()
 
+# Workers of Dask's clusters are forked from a process that has imported it.
+os.environ.setdefault("DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD", "forkserver")
+
 import cloudpickle
 import pytest
 import session_report

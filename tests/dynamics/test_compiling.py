@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import ast
 import ctypes
-import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from forking import Forks, forks
 
 from tensegrity_mj.dynamics.native import digests
 from tensegrity_mj.dynamics.native.strings import add_string_forces
 
 ROOT = Path(__file__).resolve().parents[2]
+
+Answers = Callable[..., tuple[float, ...]]
 
 FILES = {
     "caller.py": """
@@ -70,47 +72,19 @@ print(first, second, sum(answer.dispatcher.stats.cache_hits.values()), by_addres
 }
 
 
-# Half of the time of a process is to import numba and to compile a first function: each is forked from one that has.
-SERVER = """
-import json, os, runpy, sys, traceback
+# Half of the time of a process is to import numba and to compile a first function.
+IMPORTED = """
 import numba
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native import compiling
-sys.dont_write_bytecode = True  # files are edited within a second of each other, which bytecode does not see
 tmj.controllers.CompiledLaw, tmj.load_scene("prism"), numba.njit(lambda x: x + 1.0)(1.0)
-for line in sys.stdin:
-    folder, script, environment = json.loads(line)
-    child = os.fork()
-    if child == 0:
-        os.chdir(folder)
-        os.environ.update(environment)
-        for number, name in ((1, "out"), (2, "err")):
-            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        sys.path.insert(0, folder)
-        failed = False
-        try:
-            runpy.run_path(script, run_name="__main__")
-        except BaseException:
-            traceback.print_exc()
-            failed = True
-        sys.stdout.flush()
-        os._exit(failed)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
-servers: list[subprocess.Popen[str]] = []
 
 
-@pytest.fixture(scope="module", autouse=True)
-def server() -> Iterator[None]:
-    """Whence `run` forks."""
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", SERVER], env=inherited, **pipes) as process:
-        servers.append(process)
-        yield
-        servers.clear()
-        assert process.stdin is not None
-        process.stdin.close()
+@pytest.fixture(scope="module")
+def processes() -> Iterator[Forks]:
+    with forks(IMPORTED, without=("NUMBA_", "XDG_")) as found:
+        yield found
 
 
 @pytest.fixture
@@ -121,20 +95,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, script: str = "evaluate.py", **environment: str) -> tuple[str, str]:
-    """What a script prints in a process of its own, and its messages."""
-    (process,) = servers
-    assert process.stdin is not None
-    assert process.stdout is not None
-    print(json.dumps([str(folder), script, environment]), file=process.stdin, flush=True)
-    code = process.stdout.readline()
-    out, err = ((folder / name).read_text() for name in ("out", "err"))
-    assert code == "0\n", err
-    return out, err
-
-
-def answers(folder: Path, **environment: str) -> tuple[float, ...]:
-    return tuple(map(float, run(folder, **environment)[0].split()))
+@pytest.fixture
+def answers(processes: Forks) -> Answers:
+    """Numbers that evaluate.py of a folder prints in a process of its own."""
+    return lambda folder, **environment: tuple(
+        map(float, processes.run(folder, "evaluate.py", **environment)[0].split())
+    )
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -143,7 +109,7 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
-def test_a_change_of_what_is_called_reaches_the_caller(folder: Path) -> None:
+def test_a_change_of_what_is_called_reaches_the_caller(folder: Path, answers: Answers) -> None:
     """Whatever a caller takes from other files; and what changes nothing costs no compiling."""
     assert answers(folder) == (20.75, 20.0, 0, 0)
     edit(folder / "callee.py", "2.0 * scaled", "3.0 * scaled")
@@ -163,13 +129,13 @@ def test_a_change_of_what_is_called_reaches_the_caller(folder: Path) -> None:
     assert len(list((folder / "__pycache__").glob("*.nb*"))) == 2
 
 
-def test_a_changed_record_is_another_signature(folder: Path) -> None:
+def test_a_changed_record_is_another_signature(folder: Path, answers: Answers) -> None:
     answers(folder)
     edit(folder / "numbers_of.py", '("first", float), ("second", float)', '("second", float), ("first", float)')
     assert answers(folder) == (20.75, 20.0, 0, 1)
 
 
-def test_an_entry_with_wrong_bytes_is_compiled_again(folder: Path) -> None:
+def test_an_entry_with_wrong_bytes_is_compiled_again(folder: Path, answers: Answers) -> None:
     """Whichever part of it a bad disk has cut off or overwritten: such machine code would end the process."""
 
     def cut(content: bytes, number: int) -> bytes:
@@ -190,7 +156,7 @@ def test_an_entry_with_wrong_bytes_is_compiled_again(folder: Path) -> None:
     assert answers(folder) == (20.75, 20.0, 1, 1)
 
 
-def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(folder: Path) -> None:
+def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(folder: Path, answers: Answers) -> None:
     # A file where the folder should be: nobody can make one, whatever his rights are.
     (folder / "__pycache__").write_text("")
     home = {"HOME": str(folder / "home")}
@@ -199,19 +165,19 @@ def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(fold
     assert len(list((folder / "home").rglob("*.nbc"))) == 2
 
 
-def test_without_any_writable_folder_everything_runs_with_one_warning(folder: Path) -> None:
+def test_without_any_writable_folder_everything_runs_with_one_warning(folder: Path, processes: Forks) -> None:
     (folder / "__pycache__").write_text("")
-    out, err = run(folder, HOME=os.devnull)
+    out, err = processes.run(folder, "evaluate.py", HOME=os.devnull)
     assert out.split() == ["20.75", "20.0", "0", "0"]
     assert err.count("RuntimeWarning") == 1
     assert re.search(r"compiled functions cannot be kept: neither .* NUMBA_CACHE_DIR to a folder", err)
 
 
-def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> None:
+def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path, processes: Forks) -> None:
     (folder / "full.py").write_text(
         "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\nimport evaluate\n"
     )
-    out, err = run(folder, "full.py")
+    out, err = processes.run(folder, "full.py")
     assert out.split() == ["20.75", "20.0", "0", "0"]
     assert err.count("RuntimeWarning") == 1
     assert "File too large" in err
@@ -234,7 +200,7 @@ def test_processes_that_save_at_the_same_time_do_not_mix_signatures(tmp_path: Pa
         assert [files.load(key) for key in keys] == ["for floats", "for integers"]
 
 
-def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path: Path) -> None:
+def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path: Path, answers: Answers) -> None:
     (tmp_path / "gains.py").write_text(
         "import numba\n\n@numba.njit(cache=True)\ndef gain(m):\n    return 0.25 * (m + 1)\n"
     )

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 import study_tasks
+from forking import Forked, Forks, forks
 from killed_studies import (
     DEADLINE,
     TESTS,
@@ -172,17 +173,23 @@ def test_troubles_are_data_and_the_result_is_the_same_on_a_cluster(tmp_path: Pat
     assert "workers.py" not in trace["traceback"]
 
 
+@pytest.fixture(scope="module")
+def with_dask() -> Iterator[Forks]:
+    """Processes that have imported Dask, which takes longer than all that they do."""
+    pytest.importorskip("distributed")
+    with forks("import distributed, tensegrity_mj.studies.many\n") as found:
+        yield found
+
+
 @pytest.fixture
-def dask_processes(tmp_path: Path) -> Iterator[tuple[str, dict[str, subprocess.Popen[bytes]]]]:
+def dask_processes(tmp_path: Path, with_dask: Forks) -> Iterator[tuple[str, dict[str, Forked]]]:
     """A scheduler and two workers of one thread, each a process of its own: (address, processes)."""
     distributed = pytest.importorskip("distributed")
-    environment = {**os.environ, "PYTHONPATH": str(TESTS), "STUDY_LOG": str(tmp_path / "log")}
+    environment = {"PYTHONPATH": str(TESTS), "STUDY_LOG": str(tmp_path / "log")}
     with contextlib.ExitStack() as stack:
 
-        def start(kind: str, options: str) -> subprocess.Popen[bytes]:
-            command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *options.split()]
-            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            process = stack.enter_context(subprocess.Popen(command, env=environment, cwd=tmp_path, **quiet))
+        def start(kind: str, options: str) -> Forked:
+            process = with_dask.start(tmp_path, f"distributed.cli.dask_{kind}", *options.split(), **environment)
             stack.callback(process.kill)
             return process
 
