@@ -36,7 +36,6 @@ ROOMS = (
     "pictures",
     "statics",
     "studies",
-    "studies.tradeoff",
     "learning.tasks",
     "learning.gymnasium",
     "simulation",

@@ -31,7 +31,6 @@ from tensegrity_mj.commands import (
     stability,
     statics,
     sweep,
-    tradeoff,
     validate,
     view,
 )
@@ -48,7 +47,7 @@ GROUPS: Groups = {
         "export": export,
     },
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
-    "many runs": {"sweep": sweep, "identify": identify, "tradeoff": tradeoff, "validate": validate},
+    "many runs": {"sweep": sweep, "identify": identify, "validate": validate},
     "scenes and installation": {"scenes": scenes, "doctor": doctor, "demo": demo},
 }
 DESCRIPTION = "Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them."
