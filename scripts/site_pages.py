@@ -36,6 +36,7 @@ ROOMS = (
     "pictures",
     "statics",
     "studies",
+    "studies.tradeoff",
     "learning.tasks",
     "learning.gymnasium",
     "simulation",

@@ -31,6 +31,7 @@ from tensegrity_mj.commands import (
     stability,
     statics,
     sweep,
+    tradeoff,
     validate,
     view,
 )
@@ -47,7 +48,7 @@ GROUPS: Groups = {
         "export": export,
     },
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
-    "many runs": {"sweep": sweep, "identify": identify, "validate": validate},
+    "many runs": {"sweep": sweep, "identify": identify, "tradeoff": tradeoff, "validate": validate},
     "scenes and installation": {"scenes": scenes, "doctor": doctor, "demo": demo},
 }
 DESCRIPTION = "Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them."

@@ -4,8 +4,7 @@
 
 Each is the tightest run that there is. Its error bar is three times the largest of two differences: from a run at ten
 times its tolerance, and from a second formulation. Three, because what one difference shows may be less than either
-run is wrong by, and because a correct program adds an error of its own (FLOOR_FACTOR of
-evidence/tradeoff/reference.py).
+run is wrong by, and because a correct program adds an error of its own (FLOOR_FACTOR of studies/tradeoff/reference.py).
 MuJoCo's RK4 at a fine step is listed, too; where it is no part of the bar, its difference is the error of its step.
 
 In water it is the limit of many segments, by Richardson's extrapolation, and half as many segments stand for ten times

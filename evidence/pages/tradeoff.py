@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from evidence.pages import table_lines
-from evidence.tradeoff import advising
-from evidence.tradeoff.experiments import BUDGET
-from evidence.tradeoff.page import Cost, diagram, has_diagram
 from tensegrity_mj.basics.files import made_folder, replacing, write_text
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.studies.tradeoff import advising
+from tensegrity_mj.studies.tradeoff.experiments import BUDGET
+from tensegrity_mj.studies.tradeoff.page import Cost, diagram, has_diagram
 
 Data = Mapping[str, Any]
 

@@ -176,7 +176,7 @@ def _add_commands(parser: Parser, modules: Mapping[str, ModuleType], required: b
         command.set_defaults(command=command.words, execute=module.execute)
 
 
-EVIDENCE = ("reproduce", "audit", "tradeoff")  # commands of tensegrity-mj-evidence, which stands beside this package
+EVIDENCE = ("reproduce", "audit")  # commands of tensegrity-mj-evidence, which stands beside this package
 
 
 @functools.cache

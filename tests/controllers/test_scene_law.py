@@ -11,7 +11,6 @@ import pytest
 
 import tensegrity_mj as tmj
 from evidence.stability.study import StabilityStudy
-from evidence.tradeoff.study import tradeoff
 from tensegrity_mj import simulation, studies
 from tensegrity_mj.cli import main
 from tensegrity_mj.controllers import SCENE_LAW
@@ -20,6 +19,7 @@ from tensegrity_mj.engines.jax.settings import JAX
 from tensegrity_mj.simulation import ensemble
 from tensegrity_mj.studies.stable_steps import predict_steps
 from tensegrity_mj.studies.sweep import simulate_point
+from tensegrity_mj.studies.tradeoff.study import tradeoff
 from tensegrity_mj.studies.validation.study import validate
 from tensegrity_mj.vibration.stable_step import stable_step
 from tensegrity_mj.vibration.step_warnings import explain_warnings

@@ -29,6 +29,7 @@ FACES = [
     "simulation",
     "statics",
     "studies",
+    "studies.tradeoff",
 ]
 
 
@@ -89,6 +90,7 @@ def test_a_name_that_is_not_there_says_what_is() -> None:
         (tmj, "SceneError", "errors"),
         (tmj, "Contact", "model"),
         (tmj, "plots", "pictures"),
+        (tmj.studies, "TradeoffOptions", "tradeoff"),
     ):
         with pytest.raises(AttributeError, match=rf"'{name}'; it is {room.__name__}\.{home}\.{name}$"):
             getattr(room, name)

@@ -23,7 +23,7 @@ from tensegrity_mj.learning import tasks
 from tensegrity_mj.model import text as model_text
 
 ROOMS = (
-    "|controllers|engines|exchange|library|linearization|model|pictures|runs|statics|studies|"
+    "|controllers|engines|exchange|library|linearization|model|pictures|runs|statics|studies|studies.tradeoff|"
     "learning.tasks|learning.gymnasium|learning.dm_control"
 ).split("|")
 NAN, INF = math.nan, math.inf

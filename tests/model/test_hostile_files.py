@@ -201,7 +201,7 @@ def test_commands_write_inside_their_folder(command: str, tmp_path: Path, capsys
 @pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
 def test_folders_of_scenes_with_such_names_are_inside(name: str, tmp_path: Path) -> None:
     """The path that `tradeoff` makes of a name, without its runs."""
-    from evidence.tradeoff import study
+    from tensegrity_mj.studies.tradeoff import study
 
     requested: list[Path] = []
 

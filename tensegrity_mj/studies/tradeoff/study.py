@@ -10,29 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from evidence.tradeoff import advising
-from evidence.tradeoff.advising import result_of, sentences
-from evidence.tradeoff.experiments import (
-    Experiment,
-    Loop,
-    Setting,
-    TradeoffOptions,
-    closed_loops,
-    divides,
-    open_loop,
-    settings_of,
-    weight,
-)
-from evidence.tradeoff.page import page_of
-from evidence.tradeoff.reference import (
-    FLOOR_FACTOR,
-    SURE,
-    Ended,
-    Reference,
-    attempt,
-    find_reference,
-    record,
-)
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.scenes import SCENE_LAW
 from tensegrity_mj.dynamics.native.law import native_law
@@ -46,6 +23,29 @@ from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report, runs_in
 from tensegrity_mj.studies.store import Store, opened
+from tensegrity_mj.studies.tradeoff import advising
+from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
+from tensegrity_mj.studies.tradeoff.experiments import (
+    Experiment,
+    Loop,
+    Setting,
+    TradeoffOptions,
+    closed_loops,
+    divides,
+    open_loop,
+    settings_of,
+    weight,
+)
+from tensegrity_mj.studies.tradeoff.page import page_of
+from tensegrity_mj.studies.tradeoff.reference import (
+    FLOOR_FACTOR,
+    SURE,
+    Ended,
+    Reference,
+    attempt,
+    find_reference,
+    record,
+)
 
 PICTURE = "tradeoff.png"
 FORMAT = 1
@@ -73,8 +73,8 @@ class Tradeoff(Report):
 
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
         """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""
-        from evidence.tradeoff.page import Cost, diagram
         from tensegrity_mj.pictures.figure import save_figure
+        from tensegrity_mj.studies.tradeoff.page import Cost, diagram
 
         return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))
 

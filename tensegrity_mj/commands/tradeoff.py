@@ -17,11 +17,11 @@ from tensegrity_mj.errors import OptionError
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
-    from evidence.tradeoff.advising import sentences
-    from evidence.tradeoff.experiments import TradeoffOptions
-    from evidence.tradeoff.page import has_diagram
-    from evidence.tradeoff.study import PICTURE, tradeoff
     from tensegrity_mj.basics.fields import item_of
+    from tensegrity_mj.studies.tradeoff.advising import sentences
+    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.page import has_diagram
+    from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
     fields, values = item_of(TradeoffOptions).keys, vars(options).items()
     chosen = TradeoffOptions(**{name: value for name, value in values if name in fields and value is not None})

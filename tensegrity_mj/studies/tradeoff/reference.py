@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from evidence.tradeoff.experiments import DOP853_STAGES, Experiment, grid_of_steps, most_evaluations, stays
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
 from tensegrity_mj.runs import convergence, judgement
 from tensegrity_mj.runs.recorded import VARIABLES
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far
+from tensegrity_mj.studies.tradeoff.experiments import DOP853_STAGES, Experiment, grid_of_steps, most_evaluations, stays
 
 SAME_TIME = 1e-9  # of the duration
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evidence.tradeoff.experiments import Experiment, Setting, power_text
-from evidence.tradeoff.reference import FLOOR_FACTOR, Ended, Reference
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.runs.judgement import in_short
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, Setting, power_text
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Ended, Reference
 
 DECADES = tuple(float(f"1e-{number}") for number in range(1, 13))  # m
 Data = Mapping[str, Any]

@@ -18,9 +18,15 @@ from hypothesis import strategies as st
 
 import tensegrity_mj as tmj
 from evidence.pages import tradeoff as docs
-from evidence.tradeoff import advising, reference
-from evidence.tradeoff.advising import cheapest, decades, pareto
-from evidence.tradeoff.experiments import (
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.cli import main
+from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.errors import FormatError, OptionError
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.studies.tradeoff import advising, reference
+from tensegrity_mj.studies.tradeoff.advising import cheapest, decades, pareto
+from tensegrity_mj.studies.tradeoff.experiments import (
     BUDGET,
     Experiment,
     Loop,
@@ -32,14 +38,8 @@ from evidence.tradeoff.experiments import (
     recording_interval,
     settings_of,
 )
-from evidence.tradeoff.reference import FLOOR_FACTOR, Ended, Motion, attempt, find_reference, record
-from evidence.tradeoff.study import tradeoff
-from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.cli import main
-from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.engines.table import ENGINES
-from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Ended, Motion, attempt, find_reference, record
+from tensegrity_mj.studies.tradeoff.study import tradeoff
 
 # ------------------------------------------------------------------------------------------------------- the front
 
@@ -370,7 +370,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
 
     def run(of: Experiment, engine: Any) -> Any:
         if not isinstance(engine, tmj.MuJoCo):
-            from evidence.tradeoff.reference import Attempt
+            from tensegrity_mj.studies.tradeoff.reference import Attempt
 
             return Attempt(Ended.REFUSED, "it knows no contact", None)
         return attempt(of, engine)
@@ -388,7 +388,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
 
 
 def test_without_any_reference_the_reason_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    from evidence.tradeoff.reference import Attempt
+    from tensegrity_mj.studies.tradeoff.reference import Attempt
 
     monkeypatch.setattr(reference, "attempt", lambda *_: Attempt(Ended.REFUSED, "not today", None))
     found = find_reference(spring_experiment(), 1e5)
@@ -435,7 +435,7 @@ def test_failed_points_are_drawn_and_listed(finished: Any) -> None:
         experiment["points"][0] |= {"error": None, "status": "diverged", "reason": "energy came from nowhere"}
         front = experiment["by_right_hand_sides"]["front"]
         experiment["by_right_hand_sides"]["front"] = [number for number in front if number]
-    from evidence.tradeoff.page import TOP, Cost, diagram, rows
+    from tensegrity_mj.studies.tradeoff.page import TOP, Cost, diagram, rows
 
     figure = diagram(data, Cost.RIGHT_HAND_SIDES)
     crosses = [line for line in figure.axes[0].get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
@@ -476,7 +476,7 @@ def test_two_studies_are_the_same_but_for_the_clock(finished: Any, tmp_path: Pat
 
 
 def test_it_goes_on_where_it_stopped(finished: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from evidence.tradeoff import study as module
+    from tensegrity_mj.studies.tradeoff import study as module
 
     calls = []
 
@@ -505,7 +505,7 @@ def test_it_goes_on_where_it_stopped(finished: Any, tmp_path: Path, monkeypatch:
 
 
 def test_a_finished_study_computes_nothing_again(finished: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from evidence.tradeoff import study as module
+    from tensegrity_mj.studies.tradeoff import study as module
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("something was computed again")
@@ -615,7 +615,7 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
 
 
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
-    from evidence.tradeoff.advising import result_of
+    from tensegrity_mj.studies.tradeoff.advising import result_of
 
     options = TradeoffOptions(engines=["mujoco"], steps=[0.02, 0.01, 0.005])
     chosen = settings_of(spring_experiment(), options)[:3]
@@ -647,7 +647,7 @@ def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -
 
 
 def test_long_runs_are_timed_less_often() -> None:
-    from evidence.tradeoff.study import _again
+    from tensegrity_mj.studies.tradeoff.study import _again
 
     experiment, chosen = spring_experiment(), TradeoffOptions(budget=1000.0, repeats=5)
 
@@ -667,7 +667,7 @@ def test_long_runs_are_timed_less_often() -> None:
 def test_an_open_loop_is_shortened_until_its_reference_means_something(
     own: tuple[float, ...], taken: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from evidence.tradeoff import study as module
+    from tensegrity_mj.studies.tradeoff import study as module
 
     errors = iter(own)
     moving = Motion(np.array([0.0, 1.0]), np.stack([np.zeros((1, 3)), np.full((1, 3), START)]))

@@ -9,9 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evidence.tradeoff import advising
-from evidence.tradeoff.advising import with_timing
-from evidence.tradeoff.reference import SURE
 from tensegrity_mj.basics.texts import figure_text, shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
@@ -21,6 +18,9 @@ from tensegrity_mj.pictures.findings import Finding, Judgement, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.runs.judgement import in_short, judge
 from tensegrity_mj.studies.report import Page
+from tensegrity_mj.studies.tradeoff import advising
+from tensegrity_mj.studies.tradeoff.advising import with_timing
+from tensegrity_mj.studies.tradeoff.reference import SURE
 
 Data = Mapping[str, Any]
 

@@ -6,8 +6,8 @@ import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in wh
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
-    from evidence.tradeoff.experiments import TradeoffOptions as TradeoffOptions
-    from evidence.tradeoff.study import Tradeoff as Tradeoff
-    from evidence.tradeoff.study import tradeoff as tradeoff
+    from tensegrity_mj.studies.tradeoff.experiments import TradeoffOptions as TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.study import Tradeoff as Tradeoff
+    from tensegrity_mj.studies.tradeoff.study import tradeoff as tradeoff
 else:
     __getattr__, __dir__ = face(__name__)
