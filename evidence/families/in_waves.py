@@ -31,7 +31,8 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, THESIS
+from tensegrity_mj.library.cable import GRAVITY
+from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.tower import Topology, with_supports
 from tensegrity_mj.model.elements.water import Water, Weights
 from tensegrity_mj.model.elements.waves import Wave

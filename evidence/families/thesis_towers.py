@@ -9,7 +9,7 @@ import numpy as np
 from evidence.families.towers import base_nodes, middle_nodes, released, top_nodes, tower_like
 from tensegrity_mj.basics.fields import function_of, refused, value
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import THESIS
+from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene

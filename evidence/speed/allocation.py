@@ -13,9 +13,9 @@ import daqp
 import numpy as np
 
 import tensegrity_mj as tmj
-from evidence.families.planar_beam import planar_beam
 from tensegrity_mj.controllers.optimal_allocation import Allocator
 from tensegrity_mj.dynamics.target import target_nodes
+from tensegrity_mj.library.planar_beam import planar_beam
 
 CASES = {"sum 1960": 1960.0, "sum 980": 980.0, "no criterion": None}
 PERIOD = 0.01

@@ -15,7 +15,6 @@ from ledger_lines import lines_of
 from scipy.linalg import eigh
 
 import tensegrity_mj as tmj
-from evidence.families.cross import cross
 from evidence.families.in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from evidence.families.towers import tower_length
 from evidence.pages import reproduction
@@ -29,6 +28,7 @@ from evidence.thesis.reproduction import reproduce
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import request_for
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import cross
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of

@@ -21,15 +21,13 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, instance, positive
 from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-
-THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
-PLANE = (0.0, 1.0, 0.0)  # normal of a planar structure: the thesis' x and y are x and z here
 
 # Table 3.1 and §3.3.3: lengths [m] and masses [kg].
 FASTENING_LENGTH, FASTENING_MASS = 0.13, 0.0506

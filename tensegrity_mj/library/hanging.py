@@ -14,7 +14,7 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
 from tensegrity_mj.basics.fields import field, function_of, value
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library import cable
-from tensegrity_mj.library.cable import THESIS
+from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.motion import Motion

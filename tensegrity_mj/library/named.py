@@ -26,10 +26,12 @@ from tensegrity_mj.model.text.sources import find
 
 _HOME = {
     "cable": "cable",
+    "cross": "cross",
     "fish_net": "fish_farm",
     "moored_chain": "fish_farm",
     "icosahedron": "six_bar",
     "net": "hanging",
+    "planar_beam": "planar_beam",
     "prism": "prism",
     "six_bar_roll": "rolling",
     "superball": "six_bar",
@@ -39,7 +41,7 @@ _HOME = {
     "tower": "tower",
     "truss_arm": "truss_arm",
 }
-OF_EVIDENCE = ("appendix_beam", "beam_in_waves", "chapter7_tower", "cross", "planar_beam", "tower_in_waves")
+OF_EVIDENCE = ("appendix_beam", "beam_in_waves", "chapter7_tower", "tower_in_waves")
 MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
 

@@ -26,7 +26,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes
 from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import THESIS, scene_of
+from tensegrity_mj.library.cable import scene_of
+from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.members import Rod, String, Support, Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section

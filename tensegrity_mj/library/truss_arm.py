@@ -8,7 +8,8 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import check_nodes
 from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, PLANE, scene_of
+from tensegrity_mj.library.cable import GRAVITY, scene_of
+from tensegrity_mj.library.cross import PLANE
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

@@ -302,10 +302,10 @@ def package(laws: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         textwrap.dedent(
             """
             import tensegrity_mj as tmj
-            from tensegrity_mj.library.cable import cable
+            from tensegrity_mj.library.cross import cross
 
-            def three_rods(duration: float = 3.0, plain=None):
-                return cable(3).with_(duration=duration)
+            def two_rods(duration: float = 3.0, plain=None):
+                return cross().with_(duration=duration)
 
             def no_scene():
                 return 3
@@ -315,7 +315,7 @@ def package(laws: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
     points = {
         "tensegrity_mj.laws": {"brake": "own_laws:Brake", "lost": "own_laws:gone"},
-        "tensegrity_mj.families": {"three_rods": "own_families:three_rods", "no_scene": "own_families:no_scene"},
+        "tensegrity_mj.families": {"two_rods": "own_families:two_rods", "no_scene": "own_families:no_scene"},
     }
 
     def found(group: str) -> list[EntryPoint]:
@@ -366,19 +366,19 @@ def test_no_scene_file_names_a_path(law: str, tmp_path: Path) -> None:
 def test_an_installed_family_is_called_by_commands_and_scene_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert tmj.load_scene("three_rods(duration=2)").duration == 2.0
-    assert tmj.load_scene("three_rods(plain=[1, 'a'])").duration == 3.0
-    found = answer(capsys, "sweep three_rods() --vary family.duration=0.01,0.02 --set law=none --backend this-process")
+    assert tmj.load_scene("two_rods(duration=2)").duration == 2.0
+    assert tmj.load_scene("two_rods(plain=[1, 'a'])").duration == 3.0
+    found = answer(capsys, "sweep two_rods() --vary family.duration=0.01,0.02 --set law=none --backend this-process")
     assert [one["outcome"]["status"] for one in found["outcomes"]] == ["done", "done"]
-    for text in ("three_rods()", "cable(3)"):
+    for text in ("two_rods()", "cross()"):
         path = tmp_path / "scene.toml"
         path.write_text(f'format = 1\nname = "mine"\nstructure = "{text}"\n\n[scene]\nduration = 1.0\n')
         scene = tmj.load_scene(path)
-        assert scene.structure == tmj.load_scene("cable(3)").structure
+        assert scene.structure == tmj.load_scene("cross()").structure
         assert (scene.name, scene.duration, scene.target) == ("mine", 1.0, None)
     for text, message in {
-        "three_rod()": r"unknown family 'three_rod' \(did you mean 'three_rods'\?\)",
-        "three_rods(duration='long')": "duration = 'long'; it must be a finite number",
+        "two_rod()": r"unknown family 'two_rod' \(did you mean 'two_rods'\?\)",
+        "two_rods(duration='long')": "duration = 'long'; it must be a finite number",
         "no_scene()": "no_scene: this family made 3; it must make a Scene",
     }.items():
         with pytest.raises(FormatError, match=message):

@@ -11,13 +11,13 @@ from members import Members
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from evidence.families.cross import cross, cross_nodes
 from evidence.random_linked import random_velocities
 from evidence.random_structures import random_configuration, random_structure
 from tensegrity_mj.controllers import Allocation, FeedbackLinearization, Sum, WhenInfeasible
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.library.cross import cross, cross_nodes
 
 Array = NDArray[np.float64]
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from evidence.families.planar_beam import beam_nodes, cell_strings, inner_radius, lines_of, planar_beam
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.planar_beam import beam_nodes, cell_strings, inner_radius, lines_of, planar_beam
 
 Array = NDArray[np.float64]
 LENGTH, HEIGHT = np.sqrt(2.0), 1.0

@@ -18,18 +18,18 @@ import pytest
 from pages import ROOT
 
 import tensegrity_mj as tmj
-from evidence.families.cross import cross
 from evidence.families.in_waves import BeamEnd, beam_in_waves, tower_in_waves
-from evidence.families.planar_beam import planar_beam
 from evidence.families.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
 from tensegrity_mj.library import load_structure, named
 from tensegrity_mj.library.cable import RopeMass, cable
+from tensegrity_mj.library.cross import cross
 from tensegrity_mj.library.fish_farm import fish_net, moored_chain
 from tensegrity_mj.library.hanging import Held, net, suspended_cable
 from tensegrity_mj.library.named import family_names, is_family_call
+from tensegrity_mj.library.planar_beam import planar_beam
 from tensegrity_mj.library.prism import prism, three_bar_robot
 from tensegrity_mj.library.rolling import six_bar_roll
 from tensegrity_mj.library.six_bar import icosahedron, superball

@@ -12,14 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from evidence.families.cross import HINGE, SLIDER
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, positive, sequence_of
 from tensegrity_mj.basics.fields import field, function_of, refused, value
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import PLANE, THESIS
+from tensegrity_mj.library.cross import HINGE, PLANE, SLIDER, THESIS
 from tensegrity_mj.model.events import ControlSpec
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.scene import Scene

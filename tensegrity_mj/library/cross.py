@@ -6,15 +6,17 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, positive, real_array
-from tensegrity_mj.library.cable import PLANE, THESIS
 from tensegrity_mj.model.events import ControlSpec
 from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
+PLANE = (0.0, 1.0, 0.0)  # the thesis' x and y are x and z here
 SLIDER = Support.constrained([[1.0, 0.0, 0.0]], sigma=0.0, plane=PLANE)
 HINGE = Support.pinned(0.0, plane=PLANE)
+
+THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
 
 
 def cross_nodes(y1: float, theta1: float, theta2: float, rod_length: float = float(np.sqrt(2.0))) -> Array:
