@@ -125,8 +125,8 @@ def describe(data: dict[str, Any]) -> str:
 
 def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
     """Text of one of these numbers."""
-    words, unit = words_of_differences()[name]
-    return words, quantity(data[name], unit, 4)
+    label, unit = words_of_differences()[name]
+    return label, quantity(data[name], unit, 4)
 
 
 def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comparison:

@@ -161,9 +161,9 @@ def _add_commands(parser: Parser, modules: Mapping[str, ModuleType], required: b
     places = parser.add_subparsers(metavar="COMMAND", required=required)
     for name, module in modules.items():
         inner: Mapping[str, ModuleType] = getattr(module, "COMMANDS", {})
-        words = words_of(module)
-        epilog = f"{words.get('examples', '').rstrip()}\n\n{common.EXIT_CODES}".strip()
-        command = places.add_parser(name, help=words["help"], description=module.__doc__, epilog=epilog)
+        texts = words_of(module)
+        epilog = f"{texts.get('examples', '').rstrip()}\n\n{common.EXIT_CODES}".strip()
+        command = places.add_parser(name, help=texts["help"], description=module.__doc__, epilog=epilog)
         parser.commands[name] = command
         if inner:
             _add_commands(command, inner, required=True)

@@ -50,8 +50,8 @@ def counts_of(structure: model.Structure) -> dict[str, int]:
 
 def counts_text(counts: Mapping[str, Any]) -> str:
     """Text of these numbers, such as "1 rod, 3 strings"; without zeros."""
-    words = (("rods", "rod"), ("strings", "string"), ("bodies", "body"))
-    return ", ".join(f"{counts[many]} {one if counts[many] == 1 else many}" for many, one in words if counts[many])
+    nouns = (("rods", "rod"), ("strings", "string"), ("bodies", "body"))
+    return ", ".join(f"{counts[many]} {one if counts[many] == 1 else many}" for many, one in nouns if counts[many])
 
 
 def shipped() -> dict[str, dict[str, str]]:

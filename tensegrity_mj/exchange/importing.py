@@ -220,13 +220,13 @@ class Draft:
 
     def _merge_rods(self) -> None:
         """One rod between two nodes, as structures have them."""
-        kept: dict[frozenset[str], Rod] = {}
+        merged: dict[frozenset[str], Rod] = {}
         for rod in self.rods:
-            first = kept.setdefault(frozenset(rod.nodes), rod)
+            first = merged.setdefault(frozenset(rod.nodes), rod)
             if first is not rod:
                 self.notes.append(f"rod '{rod.name}' joins the nodes of '{first.name}', which stands for both")
-                kept[frozenset(rod.nodes)] = dataclasses.replace(first, mass=first.mass + rod.mass)
-        self.rods = list(kept.values())
+                merged[frozenset(rod.nodes)] = dataclasses.replace(first, mass=first.mass + rod.mass)
+        self.rods = list(merged.values())
 
     def _remove_held_rods(self) -> None:
         """Take out rods whose both ends are held, which cannot move; strings then end on fixed nodes."""
@@ -239,22 +239,22 @@ class Draft:
     def _merge_strings(self) -> None:
         """One string between two nodes, and none along a rod: as structures have them."""
         along = {frozenset(rod.nodes): rod.name for rod in self.rods}
-        kept: dict[tuple[str, ...], String] = {}
+        merged: dict[tuple[str, ...], String] = {}
         for string in self.strings:
             ends, rod = string.unordered, along.get(frozenset(string.nodes))
             if rod is not None:
                 self.notes.append(
                     f"string '{string.name}' runs along rod '{rod}', so that its length cannot change: left out"
                 )
-            elif ends in kept:
-                first = kept[ends]
+            elif ends in merged:
+                first = merged[ends]
                 self.notes.append(
                     f"string '{string.name}' joins the nodes of '{first.name}': one string stands for both"
                 )
-                kept[ends] = _together(first, string, self._length(string))
+                merged[ends] = _together(first, string, self._length(string))
             else:
-                kept[ends] = string
-        self.strings = list(kept.values())
+                merged[ends] = string
+        self.strings = list(merged.values())
 
     def _length(self, string: String) -> float:
         places = np.array([self.nodes[name] for name in string.nodes], float)
@@ -344,8 +344,8 @@ def held_axes(structure: Structure) -> tuple[dict[str, frozenset[str]], list[str
 
 def _loose(constraints: Iterable[Constraint], free: Collection[str]) -> list[Constraint]:
     """Return the constraints' parts on nodes that are free, each value of which the reference gives."""
-    kept = [({node: w for node, w in one.nodes.items() if node in free}, one) for one in constraints]
-    return [dataclasses.replace(one, nodes=nodes) for nodes, one in kept if nodes]
+    reduced = [({node: w for node, w in one.nodes.items() if node in free}, one) for one in constraints]
+    return [dataclasses.replace(one, nodes=nodes) for nodes, one in reduced if nodes]
 
 
 def _axes_of(rows: Sequence[Sequence[float]]) -> str | None:

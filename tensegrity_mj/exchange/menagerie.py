@@ -93,12 +93,12 @@ def _refuse_to_replace(place: Path, model: str) -> None:
 def _rename(root: ET.Element) -> None:
     """Names of letters, digits, - and _ alone, unique among their kind, and what refers to them."""
     kinds = {"spatial": "tendon", "general": "actuator", "freejoint": "joint", "connect": "equality"}
-    words: dict[str, dict[str, str]] = {}
+    references: dict[str, dict[str, str]] = {}
     for element in root.iter():
         name = element.get("name")
         if name is not None and isinstance(element.tag, str):
-            words.setdefault(kinds.get(element.tag, element.tag), {})[name] = name
-    for known in words.values():
+            references.setdefault(kinds.get(element.tag, element.tag), {})[name] = name
+    for known in references.values():
         plain = [re.sub(r"\W+", "_", name).strip("_") or "unnamed" for name in known]
         known.update(zip(known, [re.sub(r"\W+", "_", one).rstrip("_") for one in distinct(plain, set())], strict=True))
     for element in root.iter():
@@ -113,8 +113,8 @@ def _rename(root: ET.Element) -> None:
             ("tendon", "tendon"),
             ("joint", "joint"),
         ):
-            if key in element.attrib and kind in words:
-                element.set(key, words[kind].get(element.attrib[key], element.attrib[key]))
+            if key in element.attrib and kind in references:
+                element.set(key, references[kind].get(element.attrib[key], element.attrib[key]))
     root.set("model", re.sub(r"\W+", "_", root.get("model", "")).strip("_") or "structure")
 
 

@@ -224,5 +224,5 @@ class Linearization:
 
 def _signals(names: Iterable[str]) -> list[str]:
     """Names as python-control takes them: no dot, and each once."""
-    words = [name.replace(".", "_") for name in names]
-    return words if len(set(words)) == len(words) else [f"{word} {number + 1}" for number, word in enumerate(words)]
+    legal = [name.replace(".", "_") for name in names]
+    return legal if len(set(legal)) == len(legal) else [f"{word} {number + 1}" for number, word in enumerate(legal)]

@@ -224,10 +224,10 @@ class Traces:
         pieces = [(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))]
         corners: dict[int, tuple[Array, Array]] = {}
         for row in rows:
-            kept = simplify(paths[:, row], tolerance)
-            points = paths[kept, row]
-            corners[int(row)] = (times[kept], points)
-            pieces.append((points[:-1], points[1:], times[kept][1:], np.full(len(kept) - 1, row)))
+            chosen = simplify(paths[:, row], tolerance)
+            points = paths[chosen, row]
+            corners[int(row)] = (times[chosen], points)
+            pieces.append((points[:-1], points[1:], times[chosen][1:], np.full(len(chosen) - 1, row)))
         starts, ends, done, nodes = (np.concatenate(column) for column in zip(*pieces, strict=True))
         order = np.argsort(done, kind="stable")
         return cls(starts[order], ends[order], done[order], nodes[order], corners)

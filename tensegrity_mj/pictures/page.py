@@ -290,11 +290,11 @@ def _flat(found: Mapping[str, Any], before: str = "") -> list[tuple[object, ...]
     """Names and values of groups within groups; what is empty is left out."""
     rows: list[tuple[object, ...]] = []
     for name, value in found.items():
-        words = f"{before}{str(name).replace('_', ' ')}"
+        label = f"{before}{str(name).replace('_', ' ')}"
         if isinstance(value, Mapping):
-            rows += _flat(value, f"{words}: ")
+            rows += _flat(value, f"{label}: ")
         elif value is not None and not (isinstance(value, (list, tuple)) and not len(value)):
-            rows.append((words, value))
+            rows.append((label, value))
     return rows
 
 

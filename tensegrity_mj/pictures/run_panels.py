@@ -100,8 +100,8 @@ def rod_groups(structure: Structure) -> list[Group]:
 def _alike(members: Sequence[Rod] | Sequence[String], keys: Array, label: Callable[[int], str]) -> list[Group]:
     """Members by their groups, by what names have before the first digit, or by numbers (n, 2) in six digits."""
     stems = [re.split(r"\d", one.name, maxsplit=1)[0].rstrip(" _-.") for one in members]
-    words = [one.group or "" for one in members]
-    found = _groups(words, lambda row: words[row] or "others") or _groups(stems, lambda row: stems[row] or "others")
+    groups = [one.group or "" for one in members]
+    found = _groups(groups, lambda row: groups[row] or "others") or _groups(stems, lambda row: stems[row] or "others")
     return found or _groups([tuple(f"{value:.{DIGITS}g}" for value in row) for row in keys], label)
 
 

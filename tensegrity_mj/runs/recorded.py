@@ -243,8 +243,8 @@ class RecordedRun:
         """The first `count` samples."""
         if count == len(self.time):
             return self
-        kept = {key: one for key, one in self.provenance.items() if key != "end"}  # the state of another time
-        return replace(self, provenance=kept, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
+        known = {key: one for key, one in self.provenance.items() if key != "end"}  # the state of another time
+        return replace(self, provenance=known, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
 
 
 assert {*VARIABLES, *STATES, *DICTIONARIES} < {f.name for f in fields(RecordedRun)}

@@ -68,7 +68,7 @@ class Score:
     def verdict(self) -> str:
         """The verdict in a sentence."""
         off, part = quantity(self.error, "m"), quantity(self.error / self.motion, digits=2)
-        words = {
+        sentences = {
             "exact": f"right: {off} off at most, within the error bar of {quantity(self.error_bar, 'm')}",
             "close": f"right to {part} of the motion: {off} off at most",
             "undecided": f"{off} off, {part} of the motion: not converged or another model; a second step decides",
@@ -76,7 +76,7 @@ class Score:
         own, all_ = self.times
         over = f"{quantity(self.span[0])} to {quantity(self.span[1], 's')}" if own < all_ else "the whole run"
         read = f" (read as {self.read_as})" if self.read_as else ""
-        return f"{self.table}{read} is {words[self.judged]}, over {over} ({own} of {all_} times)."
+        return f"{self.table}{read} is {sentences[self.judged]}, over {over} ({own} of {all_} times)."
 
 
 @dataclass(frozen=True)
@@ -110,12 +110,12 @@ class Limit:
     def verdict(self) -> str:
         """The verdict in a sentence."""
         off, part = quantity(self.error, "m"), quantity(self.error / self.score.motion, digits=2)
-        words = {
+        texts = {
             "converges": f"right, with too large a step: the limit by order {self.order} is",
             "undecided": "not converged: give smaller steps; the limit is",
             "wrong": "wrong, another model: the limit is",
         }
-        return f"{self.score.table} is {words.get(self.judged, 'right: the limit is')} {off} off, {part} of the motion."
+        return f"{self.score.table} is {texts.get(self.judged, 'right: the limit is')} {off} off, {part} of the motion."
 
 
 def reference_of(scene: str | os.PathLike[str]) -> Table:

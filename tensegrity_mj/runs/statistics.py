@@ -137,9 +137,9 @@ def statistics(run: RecordedRun, quantity: str = "tension", after: float = 0.0) 
     """
     after = checks.finite("after", after, " [s]")
     check_known("statistics", quantity, UNITS, "quantity")
-    kept, labels = run.time >= after, labels_of(run.scene)
-    if kept.sum() < 2:
-        raise OptionError(f"statistics: after = {after!r} s leaves {kept.sum()} samples of the run; two are needed")
+    later, labels = run.time >= after, labels_of(run.scene)
+    if later.sum() < 2:
+        raise OptionError(f"statistics: after = {after!r} s leaves {later.sum()} samples of the run; two are needed")
     of, parts = OF_WATER.get(quantity), 0
     if quantity in ("tension", "rod_force"):
         members = labels["string" if quantity == "tension" else "rod"]
@@ -151,8 +151,8 @@ def statistics(run: RecordedRun, quantity: str = "tension", after: float = 0.0) 
         members, found, parts = _as_given(run, members, found, quantity == "tension")
     axes = [""] if found.shape[-1] == 1 else [f".{axis}" for axis in AXES]
     names = tuple(f"{member}{axis}" for member in members for axis in axes)
-    values = found.reshape(len(run.time), -1)[kept]
-    return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values, parts * len(axes))
+    values = found.reshape(len(run.time), -1)[later]
+    return Statistics.of(quantity, UNITS[quantity], names, run.time[later], values, parts * len(axes))
 
 
 def _as_given(

@@ -129,12 +129,12 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
         meant.setdefault(getattr(member, "group", None) or key, []).append(key)
     meant |= {key: [key] for key in by_name}
     if which is None:
-        words = list(by_name)
+        wanted = list(by_name)
     else:  # a name may hold commas itself
-        words = [which] if which in meant else [name.strip() for name in which.split(",")]
-    for word in words:
+        wanted = [which] if which in meant else [name.strip() for name in which.split(",")]
+    for word in wanted:
         check_known(path, word, meant, MEMBERS[kind])
-    chosen = [key for word in words for key in meant[word]]
+    chosen = [key for word in wanted for key in meant[word]]
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
     keys = item_of(type(by_name[chosen[0]])).keys

@@ -91,10 +91,10 @@ def fit(problem: Problem, options: FitOptions, progress: bool = False) -> Data:
         free = np.setdiff1d(np.arange(len(start)), held)
         if before.pivots:
             done = f"; held at their starts: {', '.join(unknowns.names[k] for k in held)}" if held else ""
-            words = f"the measurements do not see: {'; '.join(before.combinations(unknowns.names))}{done}"
+            warning = f"the measurements do not see: {'; '.join(before.combinations(unknowns.names))}{done}"
             if not len(free):
-                raise OptionError(words)
-            warn_caller(words, IdentificationWarning)
+                raise OptionError(warning)
+            warn_caller(warning, IdentificationWarning)
         if not problem.observation.known and len(slopes) <= len(free):
             raise OptionError(
                 f"measurements: {len(slopes)} numbers do not determine {len(free)} parameters and the noise as well; "

@@ -96,16 +96,16 @@ def way(scene: Scene, duration: float) -> float:
 
 def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: float) -> Data:
     found: Data = {}
-    kept = {}
+    samples = {}
     for engine, outcome in nominal.items():
         values = dict(_values(outcome))
-        kept[engine] = values.pop("kept", None)
-        series = {key: item for key, item in (kept[engine] or {}).items() if key != "nodes"}
+        samples[engine] = values.pop("kept", None)
+        series = {key: item for key, item in (samples[engine] or {}).items() if key != "nodes"}
         ended, _ = judging.judged(values, tolerance, setup.duration)
         found[engine] = {"outcome": ended, **values} | ({} if ended == "failed" else {"series": series})
-    engines = [engine for engine in found if kept.get(engine)]
+    engines = [engine for engine in found if samples.get(engine)]
     differences = [
-        {"engines": [a, b], "node_error": node_error(kept[a], kept[b])}
+        {"engines": [a, b], "node_error": node_error(samples[a], samples[b])}
         for number, a in enumerate(engines)
         for b in engines[number + 1 :]
     ]
@@ -148,15 +148,15 @@ def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]], tolerance
 
     The run that the others are held against has none.
     """
-    kept = [outcome.get("values", {}).get("kept") for outcome in outcomes]
+    samples = [outcome.get("values", {}).get("kept") for outcome in outcomes]
     continuous = next((i for i, one in enumerate(rows) if one["mode"] == Mode.CONTINUOUS.value), None)
     for number, one in enumerate(rows):
         at = continuous
         if at is None:
-            alike = [i for i, other in enumerate(rows) if other["mode"] == one["mode"] and kept[i]]
+            alike = [i for i, other in enumerate(rows) if other["mode"] == one["mode"] and samples[i]]
             at = min(alike, key=lambda i: rows[i]["period"], default=None)
         one["reference"] = at == number
-        one["node_error"] = None if at is None or at == number else node_error(kept[number], kept[at])
+        one["node_error"] = None if at is None or at == number else node_error(samples[number], samples[at])
     for one in rows:
         one["judgement"] = asdict(judging.sampled(one, tolerance))
     return {"reference": "continuous" if continuous is not None else "the finest period of the mode"}

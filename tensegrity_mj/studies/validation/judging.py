@@ -239,9 +239,9 @@ def verdict(data: Mapping[str, Any]) -> str:
     else:
         text = f"{name} brings {where} to rest"
     text += f", with a doubt: {found.reason}" if found.word == LIMITED else ""
-    words = [data[section][engine]["word"] for section in SECTIONS if section in data and section != "nominal"]
-    counts = [f"{word} in {words.count(word)}" for word in (GOOD, LIMITED, BAD, UNJUDGED) if word in words]
-    return f"{text}; of {len(words)} tests it is {', '.join(counts)}." if words else f"{text}."
+    verdicts = [data[section][engine]["word"] for section in SECTIONS if section in data and section != "nominal"]
+    counts = [f"{word} in {verdicts.count(word)}" for word in (GOOD, LIMITED, BAD, UNJUDGED) if word in verdicts]
+    return f"{text}; of {len(verdicts)} tests it is {', '.join(counts)}." if verdicts else f"{text}."
 
 
 def _winch_sentences(found: Data, engine: str) -> list[str]:
@@ -304,9 +304,9 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 
 
 def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    words = {"yes": "shows", "no": "does not show: it is the other way round", "mixed": "shows in part only"}
-    words |= {"none": "does not show: nothing changes", "unknown": "cannot be judged"}
-    return [f"§5.6, {one['statement']}: {words[one['shows']]}." for one in part["trends"]]
+    results = {"yes": "shows", "no": "does not show: it is the other way round", "mixed": "shows in part only"}
+    results |= {"none": "does not show: nothing changes", "unknown": "cannot be judged"}
+    return [f"§5.6, {one['statement']}: {results[one['shows']]}." for one in part["trends"]]
 
 
 def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:

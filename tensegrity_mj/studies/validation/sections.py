@@ -222,9 +222,9 @@ def _gravity(setup: Setup, engine: str) -> Iterator[Case]:
     for label, vector in levels:
         for known in (False, True) if specs.has_option(setup.law, "gravity") else (False,):
             facts = {"gravity": vector.tolist(), "known_to_the_law": known}
-            words = f"{label}, {'known' if known else 'unknown'} to the law"
+            text = f"{label}, {'known' if known else 'unknown'} to the law"
             point = setup.usual(engine) | {"settings": {"plant.gravity": vector.tolist()}}
-            yield Case("gravity", words, point | ({"known_gravity": vector.tolist()} if known else {}), facts)
+            yield Case("gravity", text, point | ({"known_gravity": vector.tolist()} if known else {}), facts)
 
 
 # --------------------------------------------------------------------------------------------------- initial states

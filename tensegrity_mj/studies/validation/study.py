@@ -196,9 +196,9 @@ def judgement_of(data: Data) -> Judgement:
     texts: dict[str, list[str]] = {}
     for section, sentence in zip(data["summary_sections"], data["summary"], strict=True):
         texts.setdefault(section, []).append(sentence)
-    words = {section: data[section][engine]["word"] for section in texts if section != "nominal"}
-    words["nominal"] = nominal["judgement"]["word"]
-    found = [Finding(Mark(words[section]), " ".join(sentences)) for section, sentences in texts.items()]
+    verdicts = {section: data[section][engine]["word"] for section in texts if section != "nominal"}
+    verdicts["nominal"] = nominal["judgement"]["word"]
+    found = [Finding(Mark(verdicts[section]), " ".join(sentences)) for section, sentences in texts.items()]
     return Judgement(verdict(data), found)
 
 
