@@ -22,8 +22,18 @@ from tensegrity_mj.dynamics.kernels import (
     stretch_term,
     write_coordinates,
 )
-from tensegrity_mj.dynamics.native.contact import COULOMB, Floor, impedance, push, push_both
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.contact import (
+    COULOMB,
+    Floor,
+    block,
+    impedance,
+    push,
+    push_all,
+    room_size,
+    system,
+    three,
+)
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.vectors import (
     ZERO,
     add,
@@ -37,6 +47,8 @@ from tensegrity_mj.dynamics.native.vectors import (
     times,
     vector,
 )
+
+ROOM_OF_TWO = room_size(2)
 
 
 @inlined
@@ -66,7 +78,7 @@ def wanted(law: Any, gap: float, v: Any) -> tuple[float, Any]:
 
 
 @inlined
-def _by_unit_force(rod: Any, axial: float, b: Any, lever: float, rho: Any, direction: Any) -> tuple[Any, Any, float]:
+def by_unit_force(rod: Any, axial: float, b: Any, lever: float, rho: Any, direction: Any) -> tuple[Any, Any, float]:
     """r̈, b̈ and s' of a unit force at a point of contact."""
     couple = cross(rho, direction)
     r_part, b_part = rod_accelerations(rod, b, 0.0, direction, plus(times(lever, direction), cross(couple, b)))
@@ -90,8 +102,8 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
     t_r, t_b, power, spun = ZERO, ZERO, 0.0, 0.0
     gaps = (dot(n, row_of(nodes, rod.i)) - lowest, dot(n, row_of(nodes, rod.j)) - lowest)
     count, first = 0, 0
-    A, R = floats(stack_doubles(36), (6, 6)), floats(stack_doubles(6), 6)
-    c, f = floats(stack_doubles(6), 6), floats(stack_doubles(6), 6)
+    equations = system(stack_doubles(ROOM_OF_TWO), 2)
+    A, c, R, f = equations[0], equations[1], equations[2], equations[3]
     # MuJoCo leaves out what q̇ adds to an acceleration: of the node about r, and of ρ.
     exact = law.kind == COULOMB
     b_turn = b_acc if exact else minus(b_acc, times(dot(b, b_acc) / dot(b, b), b))
@@ -115,7 +127,7 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
         free = minus(in_frame(frame, free), aref)
         for k in range(3):
             c[at + k] = free[k]
-            r_part, b_part, s_part = _by_unit_force(rod, axial, b, lever, rho, row_of(frame, k))
+            r_part, b_part, s_part = by_unit_force(rod, axial, b, lever, rho, row_of(frame, k))
             for other in range(count + 1):
                 place = first if other == 0 else end
                 there = times(-(radius + 0.5 * gaps[place]), n)
@@ -127,18 +139,18 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
         R[at + 1] = R[at + 2] = R[at] * law.per_ratio
         count += 1
     if count == 2:
-        push_both(law, A, c, R, f)
+        push_all(law, equations)
     else:
-        H = (A[0, 0] + R[0], A[0, 1], A[0, 2], A[1, 1] + R[1], A[1, 2], A[2, 2] + R[2])
-        f[0], f[1], f[2] = push(law, H, (c[0], c[1], c[2]))
+        f[0], f[1], f[2] = push(law, block(A, R, 0), three(c, 0))
     count = 0
     for end in range(2):
         if gaps[end] >= 0.0:
             continue
-        force, lever = of_frame(frame, (f[3 * count], f[3 * count + 1], f[3 * count + 2])), _lever(rod, end)
+        force, lever = of_frame(frame, three(f, 3 * count)), _lever(rod, end)
+        note(own, 2 * a + end, force)
+        count_contact(own, gaps[end], f[3 * count])
         count += 1
         rho = times(-(radius + 0.5 * gaps[end]), n)
-        _note(own, 2 * a + end, force)
         t_r = plus(t_r, force)
         couple = cross(rho, force)
         t_b = plus(t_b, plus(times(lever, force), cross(couple, b)))
@@ -148,10 +160,18 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
 
 
 @inlined
-def _note(own: Any, place: int, force: Any) -> None:
-    """Write a force behind λ."""
+def note(own: Any, place: int, force: Any) -> None:
+    """Add to a force behind λ."""
     for x in range(3):
-        own.multipliers[own.rod_count + 3 * place + x] = force[x]
+        own.multipliers[own.rod_count + 3 * place + x] += force[x]
+
+
+@inlined
+def count_contact(own: Any, gap: float, normal: float) -> None:
+    """Count a contact: how many there are, the largest normal force, and the largest depth, at the end behind λ."""
+    seen, last = own.multipliers, len(own.multipliers)
+    seen[last - 3] += 1.0
+    seen[last - 2], seen[last - 1] = max(seen[last - 2], normal), max(seen[last - 1], -gap)
 
 
 @borrowing
@@ -182,13 +202,13 @@ def touching_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
             r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
         multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
         write_coordinates(rod, rod.nz, r_acc, b_acc, out)
-    power += _push_points(own)
+    power += push_points(own)
     accelerate_points(own.forces, own.points, gravity, out)
     return power
 
 
 @borrowing
-def _push_points(own: Any) -> float:
+def push_points(own: Any) -> float:
     """Add contact forces to those on point masses; their power [W]."""
     law, points, power = Floor(own.floor), own.points, 0.0
     frame = law.frame
@@ -208,8 +228,10 @@ def _push_points(own: Any) -> float:
         normal = (1.0 - d) / d * a0[0]
         tangent = normal * law.per_ratio
         H = (a0[0] + normal, a0[1], a0[2], a1[1] + tangent, a1[2], a2[2] + tangent)
-        force = of_frame(frame, push(law, H, c))
-        _note(own, 2 * own.rod_count + p, force)
+        f = push(law, H, c)
+        force = of_frame(frame, f)
+        note(own, 2 * own.rod_count + p, force)
+        count_contact(own, gap, f[0])
         add(own.forces, point.node, force)
         power += dot(force, v)
     return power

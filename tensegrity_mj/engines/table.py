@@ -32,11 +32,15 @@ _NOT_LOCATED = Limit(
     OptionError,
     lambda engine: "locate_slack = True" if engine.locate_slack else "",
 )
-_ALONE = "its contact is that of single rods and point masses with a plane"
+_ALONE = "its contact is that of rods and point masses that are alone, on a plane"
 _OTHERWISE = "leave one of the two out"
 # Contact in the DAE.
 _CONTACT_LIMITS = (
-    Limit(has.CONTACT_OF_RODS, _ALONE, "leave rods = true out"),
+    Limit(
+        has.CONTACT_OF_RODS & has.COULOMB,
+        "that law is of rods with a plane",
+        "leave rods = true out, or set contact.law = 'mujoco'",
+    ),
     Limit(has.TERRAIN, _ALONE, "take a plane, with a normal for a slope"),
     Limit(has.TURNING_FRICTION, "its friction is that of sliding", "leave torsion and rolling out"),
     Limit(has.HELD_ABOVE, "such a contact would feel no mass", _WITHOUT_CONTACT),

@@ -133,7 +133,7 @@ def _held_above(scene: Scene) -> str:
     import numpy as np
 
     contact, structure = scene.contact, scene.structure
-    if contact is None:
+    if contact is None or contact.floor is None:
         return ""
     bases = [(f"rod '{rod.name}'", rod.support.translation_basis) for rod in structure.rods]
     bases += [(f"the point mass on node '{one.node}'", one.translation_basis) for one in structure.lone_masses]

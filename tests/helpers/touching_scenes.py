@@ -75,6 +75,27 @@ def touching_robot(scene: tmj.Scene, rng: np.random.Generator) -> State:
     return scene.with_(contact=replace(contact, friction=float(rng.choice([0, 0.1, 0.6, 1.5])))), nodes, velocities
 
 
+def pile(rng: np.random.Generator) -> State:
+    """Two to four rods that cross each other near the origin, a node of the lowest in the floor."""
+    names, rods, nodes, velocities = {}, [], [], []
+    for k in range(int(rng.integers(2, 5))):
+        length, b = rng.uniform(0.6, 1.2), rng.normal(size=3) * (1, 1, 0.3)
+        b /= np.linalg.norm(b)
+        ends = rng.normal(size=3) * 0.02 + np.outer(np.array([-1, 1]) * rng.uniform(0.2, 0.8, 2) * length, b)
+        names |= {
+            f"{end}{k}": tuple(place + np.array([0, 0, 10 * k + 10])) for end, place in zip("ab", ends, strict=True)
+        }
+        rods.append(tmj.Rod(f"r{k}", (f"a{k}", f"b{k}"), rng.uniform(0.1, 2), rng.uniform(0.013, 0.02)))
+        nodes += list(ends)
+        velocity, turn = rng.normal(size=(2, 3))
+        velocities += [velocity, velocity + np.cross(np.cross(b, turn), ends[1] - ends[0])]
+    floor = min(place[2] for place in nodes) + 0.012
+    friction, spin = float(rng.choice([0, 0.1, 0.6, 1.5])), str(rng.choice(["held", "free"]))
+    contact = Contact(floor=floor, rods=True, friction=friction, spin=spin)
+    scene = tmj.Scene(tmj.Structure("pile", names, rods), gravity=(0, 0, -9.81), contact=contact)
+    return scene, np.array(nodes), np.array(velocities)
+
+
 def reaction(scene: tmj.Scene, engine: Any, nodes: Array, velocities: Array) -> Array:
     """(N, 3) [m/s²], at a state that no scene may begin with: it may be deep inside the floor."""
     law = native_law(None, scene.structure)

@@ -135,7 +135,7 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
 
 def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
     assert scene.contact is not None
-    scene = scene.with_(contact=replace(scene.contact, rods=True))
+    scene = scene.with_(contact=replace(scene.contact, torsion=1e-3))
     options: dict[str, Any] = {"sections": ["gravity"], "duration": LANDED, "quick": True, "workers": HERE}
     report = tmj.studies.validate(scene, pull, **options)
     assert report.data["setup"]["engines"] == ["mujoco"]
@@ -143,16 +143,16 @@ def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
     assert "MuJoCo alone has contact: no other engine confirms what is said here." in report.summary
     assert not any("DAE" in text for text in report.summary)
     with pytest.raises(
-        tmj.errors.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has contact of rods.*leave them out"
+        tmj.errors.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has friction of turning.*leave them out"
     ):
         tmj.studies.validate(scene, pull, engines=["dae", "mujoco", "ode"], **options)
 
 
 def test_compare_says_how_to_compare(scene: tmj.Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert scene.contact is not None
-    (tmp_path / "rods.toml").write_text(scene_to_toml(scene.with_(contact=replace(scene.contact, rods=True))))
+    (tmp_path / "turning.toml").write_text(scene_to_toml(scene.with_(contact=replace(scene.contact, torsion=1e-3))))
     for wrong in ([], ["--engine", "dae", "--reference", "ode"], ["--accuracy", "1e-4"]):
-        assert main(["compare", str(tmp_path / "rods.toml"), "--duration", "0.1", *wrong]) == 2
+        assert main(["compare", str(tmp_path / "turning.toml"), "--duration", "0.1", *wrong]) == 2
         reported = capsys.readouterr().err
         assert "has contact, which MuJoCo alone simulates: there is no second engine" in reported
         assert "compare a.nc b.nc" in reported
@@ -189,7 +189,7 @@ def test_stability_looks_along_a_run_that_lands(scene: tmj.Scene) -> None:
     assert "along a run of DAE DOP853" in text
     assert "with contact" in text
     assert scene.contact is not None
-    scene = scene.with_(contact=replace(scene.contact, rods=True))
+    scene = scene.with_(contact=replace(scene.contact, torsion=1e-3))
     start = predict_steps(scene.with_(duration=LANDED), engines=["rk4"]).data["start"]
     assert "along a run of MuJoCo 4.0.0 RK4, h = 0.000233" in start["text"]
     assert "with contact" in start["text"]

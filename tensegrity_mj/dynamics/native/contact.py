@@ -1,4 +1,4 @@
-"""Forces of contacts with friction that one rod or one point mass feels, compiled: one contact, or two of one rod.
+"""Forces of contacts with friction, compiled: of one contact, and of several that feel each other.
 
 In a frame of the floor's normal and two tangents, the contact's own acceleration without it is a⁰, and A is how that
 answers a force f. With the acceleration that the law wants, aref, and the regularization R = diag(R_n, R_t, R_t),
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, plus, times
 from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 
@@ -42,6 +42,18 @@ FLOOR = fields_of(
     power="real",
     per_ratio="real",  # R_t by R_n
     unsolved="state",  # contacts whose equations were not solved, so far
+    # Where rods touch each other: whether there is a floor as well; which do; and of the contacts of a state, of each
+    # side, the rod (-1 for none), its part of the length, and ρ; gaps and frames; of each rod t_r and t_b, r̈ and b̈.
+    there="size",
+    pairs=("i8", "pair_count", 2),
+    sides=("i8", "most", 2),
+    parts=("f8", "most", 2),
+    arms=("f8", "most", 2, 3),
+    gaps=("f8", "most"),
+    frames=("f8", "most", 3, 3),
+    loads=("f8", "rods", 6),
+    free=("f8", "rods", 6),
+    room=("f8", "room_size"),
 )
 Floor = changing_view("Floor", FLOOR)
 ANGLE_STEPS = 40  # Newton's take 3 to 6
@@ -49,7 +61,7 @@ CLOSE = 1e-9  # a step [rad] after which the angle is known to its square
 SCANNED = 256  # directions that are tried where Newton's method does not come to the one that slides
 HALVINGS = 60
 FLAT = 0.1  # of the slope at its start, up to which a step is as long as it should be
-ROUNDS, POLISH = 40, 40  # of two contacts: rounds of one after the other, and Newton's steps for both after each
+ROUNDS, POLISH = 40, 40  # of several contacts: rounds of one after the other, and Newton's steps for all after each
 STEADY = 1e-8  # a part of the forces: a step of Newton's as small is followed by one more, the last
 
 
@@ -220,87 +232,99 @@ def _put_slope(G: Any, at: int, law: Any, R: Any, y: Any) -> None:
 
 @borrowing
 def _eliminate(K: Any, x: Any) -> None:
-    """Solve K x = x of six equations in place, with pivots."""
-    for k in range(6):
+    """Solve K x = x in place, with pivots."""
+    m = len(x)
+    for k in range(m):
         best = k
-        for i in range(k + 1, 6):
+        for i in range(k + 1, m):
             if abs(K[i, k]) > abs(K[best, k]):
                 best = i
         if best != k:
-            for j in range(k, 6):
+            for j in range(k, m):
                 K[k, j], K[best, j] = K[best, j], K[k, j]
             x[k], x[best] = x[best], x[k]
-        for i in range(k + 1, 6):
+        for i in range(k + 1, m):
             part = K[i, k] / K[k, k]
-            for j in range(k, 6):
-                K[i, j] -= part * K[k, j]
-            x[i] -= part * x[k]
-    for k in range(5, -1, -1):
-        for j in range(k + 1, 6):
+            if part != 0.0:
+                for j in range(k, m):
+                    K[i, j] -= part * K[k, j]
+                x[i] -= part * x[k]
+    for k in range(m - 1, -1, -1):
+        for j in range(k + 1, m):
             x[k] -= K[k, j] * x[j]
         x[k] /= K[k, k]
 
 
 @inlined
-def _three(f: Any, at: int) -> tuple[float, float, float]:
+def three(f: Any, at: int) -> tuple[float, float, float]:
+    """Three numbers of an array from a place on."""
     return f[at], f[at + 1], f[at + 2]
 
 
 @inlined
-def accelerated(A: Any, row: int, column: int, f: Any, c: Any) -> tuple[float, float, float]:
-    """A f + c of a block of A (6, 6)."""
-    return (
-        A[row, column] * f[0] + A[row, column + 1] * f[1] + A[row, column + 2] * f[2] + c[0],
-        A[row + 1, column] * f[0] + A[row + 1, column + 1] * f[1] + A[row + 1, column + 2] * f[2] + c[1],
-        A[row + 2, column] * f[0] + A[row + 2, column + 1] * f[1] + A[row + 2, column + 2] * f[2] + c[2],
-    )
+def _acceleration(A: Any, c: Any, at: int, f: Any) -> tuple[float, float, float]:
+    """The three rows from `at` on of A f + c."""
+    y0, y1, y2 = three(c, at)
+    for j in range(len(f)):
+        y0, y1, y2 = y0 + A[at, j] * f[j], y1 + A[at + 1, j] * f[j], y2 + A[at + 2, j] * f[j]
+    return y0, y1, y2
+
+
+def room_size(contacts: int) -> int:
+    """How many numbers `system` needs."""
+    m = 3 * contacts
+    return m * (2 * m + 9)
 
 
 @inlined
-def _acceleration(A: Any, c: Any, at: int, f: Any) -> tuple[float, float, float]:
-    """The three rows from `at` on of A f + c, f (6,)."""
-    return accelerated(A, at, 0, _three(f, 0), accelerated(A, at, 3, _three(f, 3), _three(c, at)))
+def system(at: int, contacts: int) -> Any:
+    """A (m, m), c, R and f (m,) of m = 3 contacts equations, and room to solve them, at an address."""
+    m = 3 * contacts
+    A, K, G = floats(at, (m, m)), floats(at + 8 * m * m, (m, m)), floats(at + 16 * m * m, (m, 3))
+    at += 8 * m * (2 * m + 3)
+    c, R, f = floats(at, m), floats(at + 8 * m, m), floats(at + 16 * m, m)
+    return A, c, R, f, K, G, floats(at + 24 * m, m), floats(at + 32 * m, m), floats(at + 40 * m, m)
 
 
 @borrowing
-def _descent(law: Any, A: Any, c: Any, R: Any, g: Any, x: Any, part: float) -> float:
+def _descent(law: Any, equations: Any, part: float) -> float:
     """x·A (h - f(A h + c)) at h = g + part x: the slope along x of the convex function that MuJoCo's law minimizes."""
-    h = floats(stack_doubles(6), 6)
-    for i in range(6):
+    A, c, R, _, _, _, x, g, h = equations
+    for i in range(len(g)):
         h[i] = g[i] + part * x[i]
     slope = 0.0
-    for at in (0, 3):
-        f = _response(law, _three(R, at), _acceleration(A, c, at, h))
+    for at in range(0, len(g), 3):
+        f = _response(law, three(R, at), _acceleration(A, c, at, h))
         for i in range(3):
-            row = at + i
             along = 0.0
-            for j in range(6):
-                along += A[row, j] * x[j]
-            slope += along * (h[row] - f[i])
+            for j in range(len(g)):
+                along += A[at + i, j] * x[j]
+            slope += along * (h[at + i] - f[i])
     return slope
 
 
 @borrowing
-def _newton_step(law: Any, A: Any, c: Any, R: Any, g: Any) -> tuple[float, float]:
-    """One of Newton's steps towards f = f(A f + c) of both contacts, no further than that function falls; its largest
-    part, and that of the forces."""
-    K, G, x = floats(stack_doubles(36), (6, 6)), floats(stack_doubles(18), (6, 3)), floats(stack_doubles(6), 6)
-    for at in (0, 3):
+def _newton_step(law: Any, equations: Any) -> tuple[float, float]:
+    """One of Newton's steps towards g = f(A g + c), no further than that function falls; its largest part, and that of
+    the forces."""
+    A, c, R, _, K, G, x, g, _ = equations
+    m = len(g)
+    for at in range(0, m, 3):
         y = _acceleration(A, c, at, g)
-        _put_slope(G, at, law, _three(R, at), y)
-        x[at], x[at + 1], x[at + 2] = _response(law, _three(R, at), y)
+        _put_slope(G, at, law, three(R, at), y)
+        x[at], x[at + 1], x[at + 2] = _response(law, three(R, at), y)
         for i in range(at, at + 3):
             x[i] -= g[i]
-            for j in range(6):
+            for j in range(m):
                 K[i, j] = -(G[i, 0] * A[at, j] + G[i, 1] * A[at + 1, j] + G[i, 2] * A[at + 2, j])
             K[i, i] += 1.0
     _eliminate(K, x)
-    part, begin, end = 1.0, _descent(law, A, c, R, g, x, 0.0), _descent(law, A, c, R, g, x, 1.0)
+    part, begin, end = 1.0, _descent(law, equations, 0.0), _descent(law, equations, 1.0)
     if begin < 0.0 and end > -FLAT * begin:
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             part = 0.5 * (low + high)
-            slope = _descent(law, A, c, R, g, x, part)
+            slope = _descent(law, equations, part)
             if abs(slope) <= -FLAT * begin:
                 break
             if slope < 0.0:
@@ -308,15 +332,15 @@ def _newton_step(law: Any, A: Any, c: Any, R: Any, g: Any) -> tuple[float, float
             else:
                 high = part
     most, largest = 0.0, 0.0
-    for i in range(6):
+    for i in range(m):
         g[i] += part * x[i]
         most, largest = max(most, abs(x[i])), max(largest, abs(g[i]))
     return most, largest
 
 
 @inlined
-def _block(A: Any, R: Any, at: int) -> tuple[float, float, float, float, float, float]:
-    """A + R of one of two contacts."""
+def block(A: Any, R: Any, at: int) -> tuple[float, float, float, float, float, float]:
+    """A + R of one of several contacts."""
     return (
         A[at, at] + R[at],
         A[at, at + 1],
@@ -328,26 +352,29 @@ def _block(A: Any, R: Any, at: int) -> tuple[float, float, float, float, float, 
 
 
 @borrowing
-def push_both(law: Any, A: Any, c: Any, R: Any, f: Any) -> None:
-    """Forces f (6,) of two contacts that feel each other by A (6, 6), R and c (6,).
+def push_all(law: Any, equations: Any) -> None:
+    """Forces f of contacts that feel each other, of a `system`.
 
-    Each is solved with the other's force as it is, which finds how both behave, and Newton's method for both takes it
+    Each is solved with the others' forces as they are, which finds how all behave, and Newton's method for all takes it
     from there: by itself the former takes thousands of rounds where a rod that lies may slide along itself.
     """
-    g = floats(stack_doubles(6), 6)
-    for i in range(6):
+    A, c, R, f, _, _, _, g, h = equations
+    m = len(f)
+    for i in range(m):
         f[i] = 0.0
     for _ in range(ROUNDS):
-        for at in (0, 3):
-            one = push(law, _block(A, R, at), accelerated(A, at, 3 - at, _three(f, 3 - at), _three(c, at)))
-            f[at], f[at + 1], f[at + 2] = one
-        for i in range(6):
+        for at in range(0, m, 3):
+            for i in range(m):
+                h[i] = f[i]
+            h[at] = h[at + 1] = h[at + 2] = 0.0
+            f[at], f[at + 1], f[at + 2] = push(law, block(A, R, at), _acceleration(A, c, at, h))
+        for i in range(m):
             g[i] = f[i]
         for _ in range(POLISH):
-            most, largest = _newton_step(law, A, c, R, g)
+            most, largest = _newton_step(law, equations)
             if most <= STEADY * largest:
-                _newton_step(law, A, c, R, g)
-                for i in range(6):
+                _newton_step(law, equations)
+                for i in range(m):
                     f[i] = g[i]
                 return
             if not most < np.inf:

@@ -146,7 +146,8 @@ def _rods_alone(request: Request) -> _Model:
         if axial_moments(contact, records.structure).any():
             records = replace(records, nq=records.nq + len(records.rods))
         extra = contact_columns(records.structure)
-        return plant, records, Equations(dae.dae_place, dae.touching_accelerate, dae.dae_normalize, extra=extra)
+        accelerate = dae.crowded_accelerate if contact.rods else dae.touching_accelerate
+        return plant, records, Equations(dae.dae_place, accelerate, dae.dae_normalize, extra=extra)
     equations = Equations(
         place=dae.dae_place,
         accelerate=dae.dae_accelerate,

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.assembly_equations import assembled_accelerations, place_assembly, project_assembly
+from tensegrity_mj.dynamics.crowded import crowded_accelerations
 from tensegrity_mj.dynamics.joint_forces import joint_accelerations, largest_gap, project_linked
 from tensegrity_mj.dynamics.kernels import accelerations, normalize, place_nodes
 from tensegrity_mj.dynamics.linked import place_linked
@@ -62,6 +63,14 @@ def touching_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _TouchingView(table)
     (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     own.given += touching_accelerations(own, q, rates, out)
+    return SOLVED
+
+
+@c_function(TIMED, "the equations of the DAE with contact of rods")
+def crowded_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _TouchingView(table)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
+    own.given += crowded_accelerations(own, q, rates, out)
     return SOLVED
 
 

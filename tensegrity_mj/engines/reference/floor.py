@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO
+from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO, room_size
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin, floor_gaps
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin
 from tensegrity_mj.model.rods import axial_moment
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
+CROWD = 400  # contacts at a time where rods touch each other, which are solved together: of more, a run warns
 LONGEST_STEP = 5e-3  # s, of methods that choose their steps: a body that falls into a longer one may be out of it again
 
 
@@ -30,7 +32,7 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
         radii=np.array([rod.radius for rod in structure.rods], float),
         axial=axial,
         spin_place=coordinates if axial.any() else -1,
-        level=contact.floor,
+        level=contact.floor or 0.0,
         frame=np.stack([normal, first, np.cross(normal, first)]),
         kind=COULOMB if contact.law is ContactLaw.COULOMB else MUJOCO,
         friction=contact.friction,
@@ -43,7 +45,35 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
         power=power,
         per_ratio=1.0 / FRICTION_IMPEDANCE,
     )
+    if contact.rods:
+        table.set(there=contact.floor is not None, **_crowd(contact, structure))
     return table
+
+
+def _crowd(contact: Contact, structure: Structure) -> dict[str, Array]:
+    """The pairs of rods that touch each other, and room for what is found of a state's contacts."""
+    rods = len(structure.rods)
+    apart = {frozenset(names) for names in contact.exclude}
+    pairs = np.array(
+        [
+            (a, o)
+            for a, o in itertools.combinations(range(rods), 2)
+            if {structure.rods[a].name, structure.rods[o].name} not in apart
+        ],
+        np.int64,
+    ).reshape(-1, 2)
+    most = min(2 * rods + len(pairs), CROWD) + 1
+    return {
+        "pairs": pairs,
+        "sides": np.zeros((most, 2), np.int64),
+        "parts": np.zeros((most, 2)),
+        "arms": np.zeros((most, 2, 3)),
+        "gaps": np.zeros(most),
+        "frames": np.zeros((most, 3, 3)),
+        "loads": np.zeros((rods, 6)),
+        "free": np.zeros((rods, 6)),
+        "room": np.zeros(room_size(most)),
+    }
 
 
 def axial_moments(contact: Contact, structure: Structure) -> Array:
@@ -53,8 +83,10 @@ def axial_moments(contact: Contact, structure: Structure) -> Array:
 
 
 def contact_columns(structure: Structure) -> int:
-    """How many numbers behind λ are forces of contacts: three of each end of a rod, and of each point mass."""
-    return 3 * (2 * len(structure.rods) + len(structure.lone_masses))
+    """How many numbers are behind λ: forces on each end of a rod and each point mass, and how many contacts there are,
+    the largest normal force [N] and the largest depth [m].
+    """
+    return 3 * (2 * len(structure.rods) + len(structure.lone_masses) + 1)
 
 
 def contact_report(scene: Scene, rows: Array, at: int) -> dict[str, Any]:
@@ -65,15 +97,14 @@ def contact_report(scene: Scene, rows: Array, at: int) -> dict[str, Any]:
     points = np.array([structure.node_index[point.node] for point in structure.lone_masses], int)
     touched = np.concatenate([ends, points])
     forces = rows[:, at : at + 3 * len(touched)].reshape(len(rows), -1, 3)
-    nodes = rows[:, : 3 * len(structure.nodes)].reshape(len(rows), -1, 3)
-    gaps = np.stack([floor_gaps(structure, contact, one) for one in nodes])[:, touched]
+    counts, normal_forces, depths = np.nan_to_num(rows[:, at + 3 * len(touched) :]).T
+    final = np.zeros((len(structure.nodes), 3))
+    np.add.at(final, touched, forces[-1])
     return {
-        "touching": (gaps < 0).sum(axis=1).tolist(),  # contacts at each recorded time
-        "largest_normal_force": float((forces @ contact.up).max(initial=0.0)),  # [N], at the recorded times
-        "deepest": max(0.0, -float(gaps.min(initial=0.0))),  # [m]: largest overlap at the recorded times
+        "touching": counts.astype(int).tolist(),  # contacts at each recorded time
+        "largest_normal_force": float(normal_forces.max(initial=0.0)),  # [N], at the recorded times
+        "deepest": float(depths.max(initial=0.0)),  # [m]: largest overlap at the recorded times
         "final_forces": {  # [N], on the nodes at the last recorded time
-            structure.node_names[node]: force.tolist()
-            for node, force in zip(touched, forces[-1], strict=True)
-            if force.any()
+            name: force.tolist() for name, force in zip(structure.node_names, final, strict=True) if force.any()
         },
     }

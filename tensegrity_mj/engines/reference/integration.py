@@ -141,9 +141,9 @@ class IntegratedRun:
         )
         if unsolved:
             found.reports["warnings"].append(
-                f"the forces of contacts were not found at {unsolved} of {cost['evaluations']} evaluations: Coulomb's "
-                "law may have no unique solution where friction is large and contacts are hard; use less friction, an "
-                "impedance with a smaller d1, or law = 'mujoco'"
+                f"the forces of contacts were not found at {unsolved} of {cost['evaluations']} evaluations: "
+                "more than are solved together, or by Coulomb's law no unique ones, with much friction on hard ones; "
+                "use MuJoCo, less friction, an impedance with a smaller d1, or law = 'mujoco'"
             )
         return found
 

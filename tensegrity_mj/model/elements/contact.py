@@ -70,7 +70,7 @@ class ContactLaw(enum.Enum):
 
 @value("contact")
 class Contact:
-    """Contacts in a scene and their stiffness. MuJoCo has all of it, the DAE contact of rods and points with a plane.
+    """Contacts in a scene and their stiffness. MuJoCo has all of it, the DAE that of rods, and points on a plane.
 
     The stiffness is the one number that says how hard contacts are: damping and impedance follow from it where they are
     not given (`spring` has all three). The default has a time constant of 2.5 ms: a body that lands at 2 m/s sinks in
