@@ -30,6 +30,7 @@ STEP = 1e-4
 def solved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let MuJoCo's solver go on until its cost falls no more: it stops by a cost, of which forces are the root."""
     monkeypatch.setattr("tensegrity_mj.engines.mujoco.mjcf.SOLVER_TOLERANCE", 0.0)
+    monkeypatch.setattr("tensegrity_mj.engines.mujoco.prepared._layouts", {})  # models of this tolerance
 
 
 def states() -> dict[str, list[State]]:
@@ -56,14 +57,12 @@ def test_accelerations_are_those_of_mujoco(where: str) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=(5e-11 if where == "pile" else 1e-11) * size)
 
 
-@pytest.mark.usefixtures("solved")
 @pytest.mark.parametrize(("name", "duration"), [("prism_drop", 0.5), ("six_bar_push", 0.3)])
 def test_runs_are_those_of_mujoco(name: str, duration: float) -> None:
     """The same RK4 step: truncation of both, in other coordinates, falls with h⁴: 8e-11 m at 0.1 ms."""
     _agree(tmj.load_scene(name), duration)
 
 
-@pytest.mark.usefixtures("solved")
 def test_rods_spin_as_those_of_mujoco() -> None:
     scene = tmj.load_scene("six_bar_push")
     assert scene.contact is not None
@@ -74,7 +73,6 @@ def test_rods_spin_as_those_of_mujoco() -> None:
 
 
 @pytest.mark.study
-@pytest.mark.usefixtures("solved")
 @pytest.mark.parametrize("name", SCENES)
 def test_whole_runs_are_those_of_mujoco(name: str) -> None:
     scene = tmj.load_scene(name)
@@ -118,7 +116,7 @@ def test_dop853_has_the_truth_to_a_tenth_of_a_nanometre() -> None:
     assert errors[1] < errors[0] / 4
 
 
-def test_rods_that_cross_touch_each_other_as_in_mujoco(solved: None) -> None:
+def test_rods_that_cross_touch_each_other_as_in_mujoco() -> None:
     """A robot of thick rods, squeezed by its own strings, lands on its side: floor and rods at the same time."""
     scene = tmj.load_scene("prism_drop")
     assert scene.contact is not None

@@ -50,7 +50,7 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
     return table
 
 
-def _crowd(contact: Contact, structure: Structure) -> dict[str, Array]:
+def _crowd(contact: Contact, structure: Structure) -> dict[str, Any]:
     """The pairs of rods that touch each other, and room for what is found of a state's contacts."""
     rods = len(structure.rods)
     apart = {frozenset(names) for names in contact.exclude}
