@@ -188,14 +188,13 @@ def _with_numba() -> None:
 def _compile(function: Callable[..., Any], signature: str, options: dict[str, Any], what: str) -> Code:
     """Compile a C function."""
     from numba.core import sigutils
-    from numba.core.ccallback import CFunc
 
     from tensegrity_mj.dynamics.native import lane_types  # noqa: F401  # which numba must know before it begins
+    from tensegrity_mj.dynamics.native.linked import callback
 
     notices.listen()
     with notices.announced(what):
-        made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
-        made.compile()
+        made = callback(function, sigutils.normalize_signature(signature), options)
     library = made._library
     module = library._final_module
     declared = [one for one in (*module.functions, *module.global_variables) if one.is_declaration]

@@ -218,6 +218,7 @@ def _viewer(name: str, given: Fields, fixed: bool) -> Any:
         from tensegrity_mj.dynamics.native.view_types import View
 
         assert STAMP >= 0  # what is compiled depends on it
+        typingctx.refresh()  # attributes of views, just imported
 
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return args[0]
