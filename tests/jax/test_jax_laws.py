@@ -298,7 +298,7 @@ def test_programs_and_recordings():
             np.testing.assert_allclose(u, law(t, scene.nodes0, scene.velocities0), rtol=1e3 * EPS)
             assert np.all(np.isnan(report))
         batch = np.repeat(scene.nodes0[..., None], 2, axis=2)
-        assert own.command(own.parameters, 0.3, batch, batch)[0].shape == (24, 2)
+        assert evaluate(own.parameters, 0.3, batch, batch)[0].shape == (24, 2)
 
 
 @pytest.mark.parametrize("command", Command)
