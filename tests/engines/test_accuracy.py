@@ -175,7 +175,7 @@ def test_a_run_that_is_wrong_at_any_step_is_refused(monkeypatch: pytest.MonkeyPa
 
 
 def test_what_the_dae_cannot_certify_is_climbed() -> None:
-    """Contact, which it has not, and a law in Python, which takes the time of both alike."""
+    """Contact, where its order is not known, and a law in Python, which takes the time of both alike."""
     drop = tmj.load_scene("prism_drop").with_(duration=0.1)
     for scene, law in ((drop, None), (string_pendulum(), lambda time, nodes, velocities: np.full(3, 1.0))):
         report = tmj.simulate(scene, law, tmj.MuJoCo(accuracy=1e-2)).reports["accuracy"]

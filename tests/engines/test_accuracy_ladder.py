@@ -238,3 +238,19 @@ def test_a_reference_is_refined_until_three_runs_agree_and_one_run_is_compared_w
     assert report["met"]
     assert len(steps(report, CERTIFIER)) == STRIKES + 2
     assert "an order" in report["reason"]
+
+
+def test_rates_are_looked_at_where_they_count() -> None:
+    """The first run of a method that is certified is judged by its distance from the reference, and by no rates."""
+    looked: list[Trajectory] = []
+
+    def resolving(run: Trajectory) -> float:
+        looked.append(run)
+        return 0.05
+
+    one = ladder(resolving=resolving)
+    one.add(Rung(0.1, off_by(0.0), PLAIN))
+    assert not looked
+    assert not one.resolved
+    assert one.longest == 0.05
+    assert len(looked) == 1

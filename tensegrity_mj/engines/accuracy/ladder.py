@@ -93,7 +93,8 @@ class Ladder:
     dead: str = ""
     strikes: int = 0
     highest: int = 0  # order that the motion of the last run allows
-    longest: float = math.inf  # [s] step that resolves the motion of the runs so far
+    unread: list[Trajectory] = field(default_factory=list)  # runs whose rates have not been needed
+    known: float = math.inf  # [s] step that resolves the motion of the others
 
     @property
     def rank(self) -> float:
@@ -150,7 +151,7 @@ class Ladder:
             return
         self.highest = self.order if self.located else convergence.highest_order(rung.run, self.order)
         self.highest = self.highest if self.aligned else min(self.highest, 2)
-        self.longest = min(self.longest, self.resolving(rung.run))
+        self.unread.append(rung.run)
         if last is not None:
             self.differences.append(difference(last, rung.run))
             if self.resolved:
@@ -161,6 +162,13 @@ class Ladder:
                     self.dead = judged.reason
         if rung.setting <= self.least * (1 + 1e-12):
             self.dead = self.dead or f"{self.name} can go no finer"
+
+    @property
+    def longest(self) -> float:
+        """The longest step [s] that resolves the motion of the runs so far."""
+        while self.unread:
+            self.known = min(self.known, self.resolving(self.unread.pop()))
+        return self.known
 
     @property
     def resolved(self) -> bool:

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.remembered import once
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import Mode
@@ -25,6 +27,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 
 RESOLVED = 1.0  # rad or time constants a step, at most, of a run that is evidence: where orders begin
 LOOKED_AT = 3  # samples of a run whose strings' directions are looked at
+AS_ONE = 1e-12  # of a size: round-off
 DENSE = 100  # strings; of more, the power method takes less time than the norm of a matrix
 ITERATIONS = 40  # of the power method, good to some percent
 
@@ -87,12 +90,26 @@ def _rates(scene: Scene, nodes: Array, velocities: Array, tensions: Array, stiff
     """Rates of samples of nodes (T, N, 3), velocities (T, N, 3) and tensions (T, M)."""
     structure = scene.structure
     some = np.unique(np.linspace(0, len(nodes) - 1, LOOKED_AT).astype(int))
-    vibration, decay = np.max([string_rates(structure, nodes[one]) for one in some], axis=0)
+    at_start = np.abs(nodes[0] - scene.nodes0).max(initial=0.0) <= AS_ONE * np.abs(scene.nodes0).max(initial=0.0)
+    first = _strings_at_start(scene) if at_start else string_rates(structure, nodes[0])
+    vibration, decay = np.max([first, *(string_rates(structure, nodes[one]) for one in some[1:])], axis=0)
     sway, spin = _turning(scene, nodes, velocities, tensions)
-    bars = Bars.of(structure)  # ω² = 12 k/m of a free uniform one, and twice its decay, 12 c/m
-    moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)[1][bars.rows]
-    own, slowing = (np.max(part * bars.lengths**2 / moments, initial=0.0) for part in (bars.stiffness, bars.damping))
+    own, slowing = _of_rods(structure)
     return Rates(max(math.hypot(vibration * stiff, sway, math.sqrt(own)), spin), float(decay) + slowing)
+
+
+@once
+def _strings_at_start(scene: Scene) -> tuple[float, float]:
+    return string_rates(scene.structure, scene.nodes0)
+
+
+@once
+def _of_rods(structure: Structure) -> tuple[float, float]:
+    """ω² [1/s²] of an elastic rod by itself, 12 k/m of a free uniform one, and twice its decay [1/s], 12 c/m."""
+    bars = Bars.of(structure)
+    moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)[1][bars.rows]
+    stiff, damped = (np.max(part * bars.lengths**2 / moments, initial=0.0) for part in (bars.stiffness, bars.damping))
+    return float(stiff), float(damped)
 
 
 def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> tuple[float, float]:
@@ -125,6 +142,7 @@ def _finite_max(values: Array) -> float:
     return float(np.max(values, initial=0.0, where=np.isfinite(values)))
 
 
+@once
 def _mobilities(structure: Structure) -> Array:
     """Ratio (2, R) of the turning of rods by a force at an end, over arms of half a rod, to that of uniform rods."""
     centers, moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)
@@ -140,58 +158,76 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     cannot raise a frequency (Cauchy's interlacing). Of many strings by power iteration from the same start each time.
     """
     paths = structure.paths
-    pairs, string = paths.nodes, paths.strings
-    if not len(pairs):
+    if not len(paths.nodes):
         return 0.0, 0.0
     span = paths.spans(nodes)
     along = span / np.maximum(np.linalg.norm(span, axis=1), 1e-300)[:, None]
-    rods = structure.rod_nodes
-    axes = nodes[rods[:, 1]] - nodes[rods[:, 0]]
-    b = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
-    b = np.where(structure.elastic[:, None], 0.0, b)  # an elastic rod's ends move along it as they do across
-    masses, (back, ahead) = structure.rod_masses[:, None], _mobilities(structure)[..., None]
-    apart = back / (back + ahead)
-    solids = [(frame, frame.mobility(nodes)) for frame in structure.moving_frames]
-    points = [(structure.node_index[point.node], point.mass) for point in structure.lone_masses]
-
-    def moved(forces: Array) -> Array:
-        out = np.zeros_like(forces)
-        if len(rods):
-            first, second = forces[:, rods[:, 0]], forces[:, rods[:, 1]]
-            across = 2 * ((1 - apart) * second - apart * first)
-            across = across - b * np.sum(across * b, axis=2, keepdims=True)
-            mean = (first + second) / masses
-            # Joints: a node moves as little as the stiffest of its rods lets it.
-            out[:, rods[:, 0]] = mean - 3 * across / masses * back
-            out[:, rods[:, 1]] = mean + 3 * across / masses * ahead
-        for frame, answers in solids:
-            pushes = forces[:, frame.rows]
-            out[:, frame.rows] = (pushes.reshape(len(forces), -1) @ answers.T).reshape(pushes.shape)
-        for row, mass in points:
-            out[:, row] = forces[:, row] / mass
-        return out
+    places, axes = 3 * paths.nodes.T[:, :, None] + np.arange(3), np.stack([-along, along])
+    few = len(paths.ranges) <= DENSE
+    strings = np.tile(np.repeat(paths.strings, 3), 2)
+    slopes = _matrix(places.ravel(), strings, axes.ravel(), (nodes.size, len(paths.ranges)), few)
+    answers = slopes.T @ (_matrix(*_mobility(structure, nodes), (nodes.size, nodes.size), few) @ slopes)
 
     def largest(weights: Array) -> float:
+        """The largest eigenvalue of W^½ ∂L/∂q M⁻¹ (∂L/∂q)ᵀ W^½."""
         if not np.any(weights):
             return 0.0
-        root = np.sqrt(weights)[string, None] * along
-
-        def answers(x: Array) -> Array:
-            """W^½ ∂L/∂q M⁻¹ (∂L/∂q)ᵀ W^½ x for K vectors x (K, M)."""
-            forces = np.zeros((len(x), *nodes.shape))
-            pulls = root * x[:, string, None]
-            at: Any = (slice(None), pairs.T)
-            np.add.at(forces, at, np.stack([-pulls, pulls], axis=1))
-            return paths.total(np.sum(root * paths.spans(moved(forces)), axis=2))
-
-        if len(weights) <= DENSE:
-            matrix = answers(np.eye(len(weights)))
+        root = np.sqrt(weights)
+        if few:
+            matrix = root[:, None] * answers * root
             # Where rods share nodes it is not symmetric, and the norm a bound.
             return float(np.linalg.norm(matrix, 2)) if np.isfinite(matrix).all() else 0.0
         x, value = np.cos(np.arange(len(weights)) + 1.0), 0.0  # of no string's pattern
         for _ in range(ITERATIONS):
-            x = answers(x[None] / max(float(np.linalg.norm(x)), 1e-300))[0]
+            x = root * (answers @ (root * (x / max(float(np.linalg.norm(x)), 1e-300))))
             value = float(np.linalg.norm(x))
         return value
 
-    return math.sqrt(largest(structure.curves.steepest)), largest(structure.damping)
+    stiffness, damping = structure.curves.steepest, structure.damping
+    found, hardest, most = largest(stiffness), float(stiffness.max()), float(damping.max())
+    if hardest * most > 0 and np.allclose(damping / most, stiffness / hardest, rtol=0.0, atol=AS_ONE):
+        return math.sqrt(found), found * most / hardest
+    return math.sqrt(found), largest(damping)
+
+
+def _matrix(rows: IntArray, columns: IntArray, values: Array, shape: tuple[int, int], dense: bool) -> Any:
+    """The matrix of sums of entries: sparse, or dense where that is faster."""
+    if not dense:
+        return sparse.csr_array((values, (rows, columns)), shape=shape)
+    return np.bincount(rows * shape[1] + columns, values, shape[0] * shape[1]).reshape(shape)
+
+
+def _mobility(structure: Structure, nodes: Array) -> tuple[IntArray, IntArray, Array]:
+    """Rows, columns and values of M⁻¹ (3N, 3N) [1/kg]: how forces on nodes (N, 3) move them.
+
+    Joints: a node moves as the last of its rods lets it, of which supports and the other rods only take away.
+    """
+    rods, eye = structure.rod_nodes, np.eye(3)
+    entries: list[tuple[IntArray, IntArray, Array]] = []
+    owner, end = np.full(len(nodes), -1), np.zeros(len(nodes), int)
+    for last in (0, 1):
+        owner[rods[:, last]], end[rods[:, last]] = np.arange(len(rods)), last
+    for frame in structure.moving_frames:
+        owner[frame.rows] = -1
+        flat = (3 * frame.rows[:, None] + np.arange(3)).ravel()
+        entries.append((np.repeat(flat, len(flat)), np.tile(flat, len(flat)), frame.mobility(nodes).ravel()))
+    for point in structure.lone_masses:
+        row = structure.node_index[point.node]
+        owner[row], flat = -1, 3 * row + np.arange(3)
+        entries.append((flat, flat, np.full(3, 1 / point.mass)))
+    own = np.flatnonzero(owner >= 0)
+    rod, side = owner[own], end[own]
+    axes = nodes[rods[rod, 1]] - nodes[rods[rod, 0]]
+    b = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
+    b = np.where(structure.elastic[rod, None], 0.0, b)  # an elastic rod's ends move along it as they do across
+    across = eye - b[:, :, None] * b[:, None, :]
+    arms, masses = _mobilities(structure)[:, rod], structure.rod_masses[rod]
+    shares = np.stack([-arms[0], arms[1]]) / arms.sum(axis=0)
+    for other in (0, 1):
+        turned = 6 * np.where(side, arms[1], -arms[0]) * shares[other] / masses
+        blocks = eye / masses[:, None, None] + turned[:, None, None] * across
+        rows = np.broadcast_to(3 * own[:, None, None] + np.arange(3)[:, None], blocks.shape)
+        columns = np.broadcast_to(3 * rods[rod, other][:, None, None] + np.arange(3), blocks.shape)
+        entries.append((rows.ravel(), columns.ravel(), blocks.ravel()))
+    first, second, values = zip(*entries, strict=True)
+    return np.concatenate(first), np.concatenate(second), np.concatenate(values)

@@ -104,17 +104,20 @@ def run_accurately(accuracy: float, request: Request) -> Trajectory:
 
 def _reference(start: Rates, request: Request) -> Ladder | None:
     """The runs of the DAE that certify; None where it cannot simulate the scene or go on from another run, or where
-    Python functions take the time, which it calls as often.
+    Python functions take the time, which it calls as often; and with contact, where neither engine's order is known.
     """
     scene, options = request.scene, ENGINES["dae"].fixed_step
     in_python = request.law.spent is not None or FUNCTION_LOADS.find(scene)
-    if in_python or request.start is not None or refusal(make_engine("dae", {}), scene) is not None:
+    if (
+        in_python
+        or scene.contact is not None
+        or request.start is not None
+        or refusal(make_engine("dae", {}), scene) is not None
+    ):
         return None
 
-    located = scene.contact is None
-
     def make(step: float, adapted: Request) -> Trajectory:
-        engine = make_engine("dae", {**options, "timestep": step, "locate_slack": located})
+        engine = make_engine("dae", {**options, "timestep": step, "locate_slack": True})
         made: Trajectory = engine.run(adapted)
         return made
 
@@ -123,7 +126,7 @@ def _reference(start: Rates, request: Request) -> Ladder | None:
     def longest(rates: Rates) -> float:
         return rates.resolving_step(request.duration, order)
 
-    return fixed_steps(CERTIFIER, order, stages, longest, start, request, make, located)
+    return fixed_steps(CERTIFIER, order, stages, longest, start, request, make, located=True)
 
 
 def _ladder(integrator: Integrator, start: Rates, request: Request) -> Ladder:
