@@ -25,6 +25,7 @@ from tensegrity_mj.dynamics.native.vectors import ZERO, cross, dot, minus, over,
 from tensegrity_mj.dynamics.touching import (
     by_unit_force,
     count_contact,
+    felt,
     in_frame,
     moved,
     note,
@@ -139,6 +140,7 @@ def _pose(own: Any, floor: Any, q: Any, rates: Any, count: int) -> Any:
         d, aref = wanted(floor, floor.gaps[k], in_frame(frame, v))
         lacking = minus(in_frame(frame, free), aref)
         c[3 * k], c[3 * k + 1], c[3 * k + 2] = lacking
+        A[3 * k, 3 * k] = felt(A[3 * k, 3 * k], own.rods[floor.sides[k, 1]].mass)
         R[3 * k] = (1.0 - d) / d * A[3 * k, 3 * k]
         R[3 * k + 1] = R[3 * k + 2] = R[3 * k] * floor.per_ratio
     return equations

@@ -49,6 +49,13 @@ from tensegrity_mj.dynamics.native.vectors import (
 )
 
 ROOM_OF_TWO = room_size(2)
+LEAST = 1e-9  # of 1/m: what answers a force by less is held there
+
+
+@inlined
+def felt(a: float, mass: float) -> float:
+    """A_nn of a contact [1/kg]; of what is held there so much that no force acts, which would move nothing."""
+    return a if a > LEAST / mass else 1.0 / (LEAST * mass)
 
 
 @inlined
@@ -135,6 +142,7 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
                 for i in range(3):
                     A[3 * other + i, at + k] = column[i]
                     A[at + k, 3 * other + i] = column[i]
+        A[at, at] = felt(A[at, at], rod.mass)
         R[at] = (1.0 - d) / d * A[at, at]
         R[at + 1] = R[at + 2] = R[at] * law.per_ratio
         count += 1
@@ -225,9 +233,10 @@ def push_points(own: Any) -> float:
         a0 = in_frame(frame, _along(point, over(row_of(frame, 0), point.mass)))
         a1 = in_frame(frame, _along(point, over(row_of(frame, 1), point.mass)))
         a2 = in_frame(frame, _along(point, over(row_of(frame, 2), point.mass)))
-        normal = (1.0 - d) / d * a0[0]
+        own_a = felt(a0[0], point.mass)
+        normal = (1.0 - d) / d * own_a
         tangent = normal * law.per_ratio
-        H = (a0[0] + normal, a0[1], a0[2], a1[1] + tangent, a1[2], a2[2] + tangent)
+        H = (own_a + normal, a0[1], a0[2], a1[1] + tangent, a1[2], a2[2] + tangent)
         f = push(law, H, c)
         force = of_frame(frame, f)
         note(own, 2 * own.rod_count + p, force)

@@ -43,7 +43,6 @@ _CONTACT_LIMITS = (
     ),
     Limit(has.TERRAIN, _ALONE, "take a plane, with a normal for a slope"),
     Limit(has.TURNING_FRICTION, "its friction is that of sliding", "leave torsion and rolling out"),
-    Limit(has.HELD_ABOVE, "such a contact would feel no mass", _WITHOUT_CONTACT),
     Limit(has.CLASS_K & has.CONTACT, _ALONE, f"{_OWN_NODES}, or {_WITHOUT_CONTACT}"),
     Limit(has.MOVED_SUPPORTS & has.CONTACT, _ALONE, _OTHERWISE),
     Limit(has.BODIES & has.CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),

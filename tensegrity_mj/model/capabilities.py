@@ -129,23 +129,10 @@ def _contact_with(words: str, has: Callable[[Any], Any]) -> Trait:
     )
 
 
-def _held_above(scene: Scene) -> str:
-    import numpy as np
-
-    contact, structure = scene.contact, scene.structure
-    if contact is None or contact.floor is None:
-        return ""
-    bases = [(f"rod '{rod.name}'", rod.support.translation_basis) for rod in structure.rods]
-    bases += [(f"the point mass on node '{one.node}'", one.translation_basis) for one in structure.lone_masses]
-    held = (name for name, E in bases if np.abs(E @ (E.T @ contact.up) - contact.up).max() > 1e-9)
-    return next((f"{name} cannot move along the floor's normal" for name in held), "")
-
-
 CONTACT_OF_RODS = _contact_with("contact of rods with each other (rods = true)", lambda one: one.rods)
 TERRAIN = _contact_with("a terrain", lambda one: one.terrain is not None)
 TURNING_FRICTION = _contact_with("friction of turning or rolling", lambda one: one.torsion or one.rolling)
 COULOMB = _contact_with("contact by the law 'coulomb'", lambda one: one.law.value == "coulomb")
-HELD_ABOVE = Trait(_held_above)
 ELASTIC = _first("rod '{0.name}' is elastic", "structure.rods", lambda rod: rod.stiffness is not None)
 ELASTIC_HELD_BETWEEN = _first(
     "elastic rod '{0.name}' is held between its ends",

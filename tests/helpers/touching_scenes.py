@@ -75,6 +75,24 @@ def touching_robot(scene: tmj.Scene, rng: np.random.Generator) -> State:
     return scene.with_(contact=replace(contact, friction=float(rng.choice([0, 0.1, 0.6, 1.5])))), nodes, velocities
 
 
+def held_rod(rng: np.random.Generator) -> State:
+    """A rod that is pinned at its upper end, or turns in the xz plane, or both; the lower end touches."""
+    length, planar, pinned = rng.uniform(0.6, 1.2), bool(rng.random() < 0.7), bool(rng.random() < 0.7)
+    b = np.array([rng.normal(), 0.0 if planar else rng.normal(), -rng.uniform(0.05, 1)])
+    b /= np.linalg.norm(b)
+    plane = (0.0, 1.0, 0.0) if planar else None
+    support = tmj.Support.pinned(0.0, plane) if pinned else tmj.Support.free(0.5, plane)
+    rod = tmj.Rod("rod", ("a", "b"), rng.uniform(0.1, 3), rng.uniform(0.003, 0.01), support)
+    contact = Contact(
+        floor=length * b[2] - rod.radius + rng.uniform(0, 1e-3), friction=float(rng.choice([0, 0.3, 1.0]))
+    )
+    level = {"a": (0.0, 0.0, 0.0), "b": (length, 0.0, 0.0)}
+    scene = tmj.Scene(tmj.Structure("rod", level, (rod,)), gravity=(0, 0, -9.81), contact=contact)
+    turn = np.array([0, rng.normal(), 0]) if planar else np.cross(b, rng.normal(size=3))
+    velocity = np.zeros(3) if pinned else rng.normal(size=3) * (1, float(not planar), 1)
+    return scene, np.array([np.zeros(3), length * b]), np.array([velocity, velocity + np.cross(turn, length * b)])
+
+
 def pile(rng: np.random.Generator) -> State:
     """Two to four rods that cross each other near the origin, a node of the lowest in the floor."""
     names, rods, nodes, velocities = {}, [], [], []
