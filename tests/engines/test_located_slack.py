@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from caught_mass import GRAVITY, MASS, REST, STIFFNESS, bob, bob_at
 
 import tensegrity_mj as tmj
+from tensegrity_mj.engines import driving
 from tensegrity_mj.engines.reference import adaptive as integration_adaptive
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.runs.convergence import has_kinks, node_difference
@@ -208,3 +210,18 @@ def test_it_belongs_to_rk4() -> None:
             make(locate_slack=True)
         with pytest.raises(tmj.errors.OptionError, match="locate_slack = 'yes'"):
             make(method=tmj.Method.RK4, timestep=1e-3, locate_slack="yes")
+
+
+def test_evaluations_do_not_depend_on_the_pieces_that_steps_are_taken_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces end where so much time has passed: what is known at the end of one is known to the next."""
+    options = tmj.DAE(method=tmj.Method.RK4, timestep=2e-3, locate_slack=True)
+    scene = tmj.load_scene("prism").with_(gravity=(0.0, 0.0, -9.81))
+    whole = tmj.simulate(scene, None, options, duration=0.5)
+
+    def sevens(count: int) -> Iterator[tuple[int, int]]:
+        return ((first, min(7, count - first)) for first in range(0, count, 7))
+
+    monkeypatch.setattr(driving, "chunks", sevens)
+    pieces = tmj.simulate(scene, None, options, duration=0.5)
+    np.testing.assert_array_equal(whole.nodes, pieces.nodes)
+    assert whole.cost["evaluations"] == pieces.cost["evaluations"]

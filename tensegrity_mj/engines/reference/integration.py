@@ -152,6 +152,8 @@ STEPPER = fields_of(  # a run in fixed steps
     table="table",  # its plant's
     steps="state",  # number of the step that is reached
     evaluations="state",
+    known="state",  # whether the last of its room is dy/dt at y, and what was answered there: from piece to piece
+    answer="state",
     y=("f8", "size"),  # the state: always one that the model can hold, that of the step reached
     room=("f8", len(Room._fields), "size"),
 )
@@ -265,7 +267,7 @@ def _steps(own: Any, first: int, count: int) -> int:
     model = ModelView(table)
     h, total, stride, ratio, rows = model.step, model.total, model.stride, model.ratio, model.rows
     room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
-    known, answer = False, SOLVED  # whether k_end is dy/dt here, and what was answered
+    known, answer = own.known != 0, own.answer
     begin = model.first_step
     row = (first - begin + stride - 1) // stride
     stop = first + count
@@ -316,4 +318,5 @@ def _steps(own: Any, first: int, count: int) -> int:
             return worst
         copy(room.x, y)
         own.steps = n + 1
+    own.known, own.answer = known, answer
     return SOLVED
