@@ -46,7 +46,8 @@ class Ensemble(Sequence[Trajectory]):
     Attributes:
         scenes: of the runs.
         time: (T,) [s].
-        cost: wall time [s], steps and evaluations of all runs together.
+        cost: wall time [s], steps and evaluations of all runs together; of DAE and ODE, how many runs went side by side
+            (`lanes`), and why others did not.
     """
 
     def __init__(

@@ -72,7 +72,8 @@ def resolve_stage(table: int, stage: int, h: float) -> None:
         third = _at(row, THIRD)
         e3 = h * _length(minus(third, _at(row, SECOND)))
         e4 = h * _length(minus(minus(v, third), minus(third, _at(row, FIRST))))
-        row[SUM] += select(e3 > 0.0, min(e4, e4 * e4 / e3) / 30.0, 0.0)
+        if any_of(e3 > 0.0):
+            row[SUM] += select(e3 > 0.0, min(e4, e4 * e4 / e3) / 30.0, 0.0)
 
 
 @inlined

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull
-from tensegrity_mj.dynamics.native.lanes import any_of, select
+from tensegrity_mj.dynamics.native.lanes import all_of, any_of, select
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
@@ -32,8 +32,10 @@ def over_rest(plant: Any, m: int, moves: bool) -> float:
     """
     length = plant.lengths[m]
     over = length - plant.rest[m] - plant.permanent[m]
-    begins = (over <= 0.0) & (not moves) & (over >= -EDGE * length) & (plant.rates[m] > 0.0)
-    return select(begins, EDGE * length, over)
+    if not moves and any_of(over <= 0.0):
+        begins = (over <= 0.0) & (over >= -EDGE * length) & (plant.rates[m] > 0.0)
+        over = select(begins, EDGE * length, over)
+    return over
 
 
 @inlined
@@ -60,7 +62,8 @@ def measure_strings(table: int) -> None:
                 moves += s * (velocities[j, x] - velocities[i, x])
             parts[p] = np.sqrt(square)
             length += parts[p]
-            rate += select(square > 0.0, moves / parts[p], 0.0)
+            if any_of(square > 0.0):
+                rate += select(square > 0.0, moves / parts[p], 0.0)
         lengths[m], rates[m] = length, rate
 
 
@@ -87,7 +90,12 @@ def tighten_strings(table: int) -> tuple[float, float]:
     stored, lost, curved, moves = 0.0, 0.0, plant.curved, rest_moves(plant)
     for m in range(len(rest)):
         stretch, slack = lengths[m] - rest[m], is_slack(plant, m, moves)
-        pull = select((stretch <= 0.0) & (kept[m] == 0), 0.0, stiffness[m] * (stretch - plant.permanent[m]))
+        if all_of(slack):
+            elastic[m], tension[m] = 0.0, 0.0
+            continue
+        pull = stiffness[m] * (stretch - plant.permanent[m])
+        if any_of(stretch <= 0.0) and not kept[m]:
+            pull = select(stretch <= 0.0, 0.0, pull)
         if curved:
             pull = select(stretch > plant.permanent[m], curved_pull(plant, m, stretch), pull)
         pull = select(slack, 0.0, pull)
@@ -126,12 +134,13 @@ def add_string_forces(table: int, forces: Any) -> None:
         if not any_of(tension[m] != 0.0):
             continue
         for p in range(ranges[m, 0], ranges[m, 1]):
-            i, j = pairs[p, 0], pairs[p, 1]
-            density = select(lengths[p] > 0.0, tension[m] / lengths[p], 0.0)
-            for x in range(3):
-                pull = density * (nodes[j, x] - nodes[i, x])
-                forces[i, x] += pull
-                forces[j, x] -= pull
+            if any_of(lengths[p] > 0.0):
+                i, j = pairs[p, 0], pairs[p, 1]
+                density = select(lengths[p] > 0.0, tension[m] / lengths[p], 0.0)
+                for x in range(3):
+                    pull = density * (nodes[j, x] - nodes[i, x])
+                    forces[i, x] += pull
+                    forces[j, x] -= pull
 
 
 @inlined

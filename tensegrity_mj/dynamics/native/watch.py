@@ -31,8 +31,9 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
     rest, broken, seen, k = plant.rest, plant.broken, plant.watched, plant.stiffness
     M = len(rest)
     for m in range(M):
-        if not broken[m]:
-            _count(seen[m], (rest[m] <= 0.0) & (k[m] > 0.0), rest[m], t, 0)
+        hit = (rest[m] <= 0.0) & (k[m] > 0.0)
+        if any_of(hit) and not broken[m]:
+            _count(seen[m], hit, rest[m], t, 0)
     if not answered or plant.returns_lengths:
         return
     command, stiffness, lengths, least = plant.command, plant.stiffness, plant.lengths, plant.min_rest_length
@@ -44,18 +45,17 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
         if plant.limited:
             # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
             push = push & (command[m] < stiffness[m] * (1.0 - least[m] / lengths[m]))
-        if not broken[m]:
+        if any_of(push) and not broken[m]:
             _count(seen[m], push, command[m], t, PUSH)
 
 
 @borrowing
 def _count(seen: Any, hit: bool, value: float, t: float, at: int) -> None:
-    if any_of(hit):
-        first = hit & (seen[at + STEPS] == 0.0)
-        seen[at + FIRST] = select(first, t, seen[at + FIRST])
-        least = select(first, value, seen[at + LEAST])
-        seen[at + LEAST] = select(hit, min(least, value), seen[at + LEAST])
-        seen[at + STEPS] += select(hit, 1.0, 0.0)
+    first = hit & (seen[at + STEPS] == 0.0)
+    seen[at + FIRST] = select(first, t, seen[at + FIRST])
+    least = select(first, value, seen[at + LEAST])
+    seen[at + LEAST] = select(hit, min(least, value), seen[at + LEAST])
+    seen[at + STEPS] += select(hit, 1.0, 0.0)
 
 
 def impossible(plant: Plant) -> tuple[dict[str, Any], dict[str, Any]]:

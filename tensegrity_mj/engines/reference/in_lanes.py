@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.kept import processors
 from tensegrity_mj.dynamics.native.lanes import WIDTHS, in_lanes
 from tensegrity_mj.dynamics.native.views import Table, lanes_of
@@ -23,7 +22,6 @@ from tensegrity_mj.engines.reference.equations import rates_of_state
 from tensegrity_mj.engines.reference.integration import FixedSteps, rk4_steps
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.runs.trajectory import Trajectory
 
 # What a run has of its own at the end of its steps; the rest of a plant follows from its state.
 OWN = ("held", "memory", "winch", "sampled_lengths", "watched", "resolution", "report", "rows")
@@ -87,28 +85,13 @@ class LaneRun:
             self.group.put_back(self.place, made)
         return made
 
-    def go(self) -> None:
-        """Take the steps alone."""
-        self.single.go()
-
     @property
     def cost(self) -> dict[str, int]:
         """Steps and evaluations."""
         return self.single.cost if self.fell_out else self.group.cost
 
-    @property
-    def rows(self) -> Array:
-        """Recorded rows (T, row_size)."""
-        return self.single.rows
-
-    @property
-    def ended_early(self) -> float | None:
-        """The time [s] at which it ended before its time, or None."""
-        return self.single.ended_early
-
-    def conclude(self, seconds: float) -> Trajectory:
-        """Return the run's trajectory, or raise the error that it ended with."""
-        return self.single.conclude(seconds)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.single, name)
 
 
 class LaneGroup:
