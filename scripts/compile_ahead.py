@@ -61,13 +61,16 @@ def main() -> None:
 
 
 def _run_engines() -> None:
-    """Short runs of the engines that call numba's functions from Python, so that they are kept, too."""
+    """Short runs of what calls numba's functions from Python, so that they are kept, too."""
     import tensegrity_mj as tmj
 
     scene = tmj.load_scene("prism")
     law = tmj.controllers.from_scene(scene)
     for engine in (tmj.ODE(), tmj.DAE(method="rk4", timestep=1e-3), tmj.MuJoCo(1e-3, locate_slack=True)):
         tmj.simulate(scene, law, engine, duration=0.01)
+    scene = tmj.load_scene("planar_beam")  # its law solves quadratic programs
+    law = tmj.controllers.from_scene(scene)
+    tmj.clearance(tmj.simulate(scene, law, tmj.DAE(method="rk4", timestep=1e-3), duration=0.01))
 
 
 if __name__ == "__main__":
