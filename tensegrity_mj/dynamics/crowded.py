@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.contact import Floor, push_all, system, three
 from tensegrity_mj.dynamics.kernels import (
     accelerate_points,
     direction_of,
@@ -19,7 +20,6 @@ from tensegrity_mj.dynamics.kernels import (
     stretch_term,
     write_coordinates,
 )
-from tensegrity_mj.dynamics.native.contact import Floor, push_all, system, three
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, cross, dot, minus, over, plus, put, row_of, times
 from tensegrity_mj.dynamics.touching import (

@@ -14,15 +14,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tensegrity_mj.dynamics.kernels import (
-    accelerate_points,
-    direction_of,
-    rod_accelerations,
-    rod_forces,
-    stretch_term,
-    write_coordinates,
-)
-from tensegrity_mj.dynamics.native.contact import (
+from tensegrity_mj.dynamics.contact import (
     COULOMB,
     Floor,
     block,
@@ -32,6 +24,14 @@ from tensegrity_mj.dynamics.native.contact import (
     room_size,
     system,
     three,
+)
+from tensegrity_mj.dynamics.kernels import (
+    accelerate_points,
+    direction_of,
+    rod_accelerations,
+    rod_forces,
+    stretch_term,
+    write_coordinates,
 )
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.vectors import (

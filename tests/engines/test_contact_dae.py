@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 from touching_scenes import Array, State, held_rod, pile, reaction, touching_robot, touching_rod
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.contact import COULOMB, FLOOR, MUJOCO, Floor, push, push_all, room_size, system
 from tensegrity_mj.dynamics.native.compiling import njit
-from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO, Floor, push, push_all, room_size, system
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.pointers import address
 from tensegrity_mj.dynamics.native.views import Table

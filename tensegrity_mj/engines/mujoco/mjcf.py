@@ -60,8 +60,9 @@ from tensegrity_mj.model.structure import Structure
 
 # Of a cost, which is of the second order in what accelerations lack. In six_bar_push and prism_drop they are off by up
 # to 2e-4 of their size at 1e-15, 4e-8 at 1e-22 and 1e-10 at 1e-28, for 1.2, 1.5 and 1.6 of Newton's iterations a step.
-# The stiff constraints that close loops need one, and below 1e-26 their round-off is taken for what is left to do.
-SOLVER_TOLERANCE, LOOP_TOLERANCE = 1e-28, 1e-22
+# The stiff constraints that close loops need one, and below 1e-26 their round-off is taken for what is left to do: 1.6
+# times the time of a step of suspended_cable, at the same motion.
+SOLVER_TOLERANCE, LOOP_TOLERANCE, LOOP_CONTACT_TOLERANCE = 1e-28, 1e-15, 1e-22
 UNLIMITED = 1e30  # "inf" does not survive every writer
 # A `connect` constraint pulls a gap g to zero as g̈ + 2 ġ/τ + g/τ² = 0, τ being so many time steps (MuJoCo allows 2 and
 # more). It leaves 1 - IMPEDANCE, the least there is, of the acceleration a₀ that the gap would have without it: the gap
@@ -187,7 +188,8 @@ def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
     moved = [joint.moved for joint in tree.joints] + [axes for _, axes in tree.moved_nodes]
     driven = sum(axes.shape[1] for axes in moved)
     # The solver measures what is left to do by the mean of all inertia, of which drives are all that it would see.
-    tolerance = LOOP_TOLERANCE if tree.forest.closures else SOLVER_TOLERANCE
+    loops = LOOP_TOLERANCE if scene.contact is None else LOOP_CONTACT_TOLERANCE
+    tolerance = loops if tree.forest.closures else SOLVER_TOLERANCE
     option.set("tolerance", numbers([tolerance / (DRIVE * driven) if driven else tolerance]))
     if scene.contact is not None:
         option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions

@@ -53,7 +53,7 @@ def dae_normalize(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 
 TOUCHING = fields_of(  # of rods and point masses that touch a floor
     RODS,
-    floor="size",  # address of a `native.contact.Floor`
+    floor="size",  # address of a `dynamics.contact.Floor`
 )
 _TouchingView = changing_view("Touching", TOUCHING)
 

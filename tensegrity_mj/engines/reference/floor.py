@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.contact import COULOMB, FLOOR, MUJOCO, room_size
+from tensegrity_mj.dynamics.contact import COULOMB, FLOOR, MUJOCO, room_size
 from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin
 from tensegrity_mj.model.rods import axial_moment
