@@ -44,13 +44,7 @@ class Reference:
 
 
 def reference_of(setup: Setup) -> Reference | None:
-    """The DAE for MuJoCo and the ODE; for the DAE the ODE, or at a pole MuJoCo; None if none will do.
-
-    MuJoCo alone has contact. There its RK4 at fine steps is the reference, which shows whether a run is too coarse, and
-    not whether the law of contact is the one meant: tests/engines/test_contact.py does that.
-    """
-    if setup.experiment.scene.contact is not None:
-        return _first(setup, _fixed("mujoco", setup))
+    """The DAE for MuJoCo and the ODE; for the DAE the ODE, or at a pole or in contact MuJoCo; None if none will do."""
     if not setup.engine.startswith("dae"):
         return tight_dae(setup)
     pairs = _fixed("mujoco", setup)
