@@ -264,11 +264,7 @@ def reference(name: str) -> tuple[dict[str, Any], Array]:
     interval = scene.duration / TIMES
     step = interval / (60 if name != "contact" else 40_000)
     beside = f"MuJoCo, RK4 at {step:.3g} s", simulated(name, tmj.MuJoCo(step))
-    if name == "contact":
-        # No other engine has contact: the page's equations are the reference, and MuJoCo is the second formulation.
-        by = "the equations of docs/benchmark.md, by SciPy"
-        nodes, looser, other = by_own_equations(name), by_own_equations(name, 10 * RTOL), beside
-    elif name == "water":
+    if name == "water":
         # Midpoints of segments err by the square of their length: the limit of many, by Richardson's extrapolation.
         coarse, middle, fine = (simulated(name, tmj.DAE(rtol=RTOL, atol=RTOL / 10), count) for count in (32, 64, 128))
         by = "the DAE, DOP853, the limit of 64 and 128 segments"
