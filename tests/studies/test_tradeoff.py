@@ -24,6 +24,7 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.runs import reference_of
 from tensegrity_mj.studies.tradeoff import advising, reference
 from tensegrity_mj.studies.tradeoff.advising import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.experiments import (
@@ -309,6 +310,21 @@ def test_a_reference_knows_how_wrong_it_is() -> None:
     # The formula's cosine is round-off of 0.2 m, 3e-17; the reference is as good as it says or within ten units of it.
     assert true <= found.own_error + 10 * np.finfo(float).eps * START
     assert found.facts["second_formulation"]["engine"].startswith("ODE")
+
+
+def test_with_contact_the_dae_is_the_reference_and_mujoco_confirms_it_by_the_same_steps() -> None:
+    """Both engines differ by the fourth order of the step and roundings, 1e-11 m, and each errs by 1e-4 m as it touches
+    (tests/runs/test_scoring.py has both), which would be the own error of the reference without the DAE's steps.
+    """
+    scene, known = tmj.load_scene("pack/contact"), reference_of("contact")
+    found = find_reference(Experiment(scene, None, None, tmj.Actuation.continuous(), scene.duration), 3e5)
+    assert found.motion is not None
+    assert found.facts["engine"].startswith("DAE DOP853")
+    assert found.facts["second_formulation"]["engine"].startswith("MuJoCo")
+    assert found.own_error < 1e-9
+    rows = np.searchsorted(found.motion.time, known.time - 1e-9)
+    error = np.linalg.norm(found.motion.nodes[rows] - known.positions, axis=-1).max()
+    assert error <= found.own_error + known.header["error"]
 
 
 def test_a_coarse_reference_says_so_and_points_below_it_are_marked(monkeypatch: pytest.MonkeyPatch) -> None:

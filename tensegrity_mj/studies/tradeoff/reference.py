@@ -2,9 +2,10 @@
 
 The reference is the DAE at the tightest tolerance that the budget has. Its own error is the larger of two differences:
 from the DAE at ten times that tolerance, and from a second formulation: the ODE or, where rods share nodes, the DAE's
-full equations with all multipliers; where neither can, MuJoCo RK4 at a fine step. Where error control needs too many
-steps, the DAE's RK4 at two fine steps takes its place; where the DAE refuses the scene, as with a terrain, MuJoCo's RK4
-at two fine steps, and then there is no second formulation.
+full equations with all multipliers; where neither can, as with contact, MuJoCo's RK4 from the DAE's at the same fine
+step, for both err by it alike. Where error control needs too many steps, the DAE's RK4 at two fine steps takes its
+place; where the DAE refuses the scene, as with a terrain, MuJoCo's RK4 at two fine steps, and then there is no second
+formulation.
 """
 
 from __future__ import annotations
@@ -140,6 +141,7 @@ MOST_FULL = 100  # rods; the full equations take time with the third power
 HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
 RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
 ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
+SAME_STEP = " (beside the DAE's RK4 at that step)"
 SURE = 1e-2  # of the motion: a reference known no better is none to measure against, where a shorter run has one
 FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be distinguished from it
 
@@ -201,11 +203,13 @@ def find_reference(experiment: Experiment, budget: float) -> Reference:
             assert other.motion is not None
             apart = float(made.motion.distance(other.motion).max())
             differences = {"looser": {"engine": str(loose), "difference": apart}}
-            for engine in second(tight):
+            for engine, beside in second(tight):
                 also = noted(engine)
-                if also.motion is not None:
-                    apart = float(made.motion.distance(also.motion).max())
-                    differences["second_formulation"] = {"engine": str(engine), "difference": apart}
+                own = made if beside is None or also.motion is None else noted(beside)
+                if also.motion is not None and own.motion is not None:
+                    name = f"{engine}{'' if beside is None else SAME_STEP}"
+                    apart = float(own.motion.distance(also.motion).max())
+                    differences["second_formulation"] = {"engine": name, "difference": apart}
                     break
             return Reference(made.motion, _facts(tried, "", str(tight), made, **differences))
     reasons = dict.fromkeys(one["reason"] for one in tried)
@@ -213,7 +217,9 @@ def find_reference(experiment: Experiment, budget: float) -> Reference:
 
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[Any], Any]]:
-    """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
+    """Engines of which two that complete make a reference, in order, and what gives second formulations of the first:
+    engines, each with what it is compared with where that is not the reference itself.
+    """
     from tensegrity_mj.engines.mujoco.settings import MuJoCo
     from tensegrity_mj.engines.reference.dae import DAE, Solver
     from tensegrity_mj.engines.reference.method import Method
@@ -226,21 +232,25 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[Any]
 
     structure = experiment.scene.structure
 
-    def formulations(tight: Any) -> Iterator[Any]:
+    def at_step(step: float) -> Any:
+        return DAE(method=Method.RK4, timestep=step)
+
+    def formulations(tight: Any) -> Iterator[tuple[Any, Any]]:
         same = {"rtol": tight.rtol, "atol": tight.atol, "max_steps": steps}
         if structure.class_number <= 1:
-            yield ODE(**same)
+            yield ODE(**same), None
         elif len(structure.rods) <= MOST_FULL:
-            yield DAE(**same, solver=Solver.FULL)
-        yield from map(MuJoCo, coarser)
+            yield DAE(**same, solver=Solver.FULL), None
+        for step in coarser:
+            yield MuJoCo(step), at_step(step)
 
     def tolerance(rtol: float) -> Any:
         return DAE(rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=steps)
 
     yield [tolerance(rtol) for rtol in (RTOL, TIGHTER, *LOOSER)], formulations
     yield (
-        [DAE(method=Method.RK4, timestep=step) for step in grid[:2]],
-        lambda tight: [MuJoCo(tight.timestep)],
+        [at_step(step) for step in grid[:2]],
+        lambda tight: [(MuJoCo(tight.timestep), None)],
     )
     yield [MuJoCo(step) for step in grid[:2]], lambda tight: []
 
