@@ -46,7 +46,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "run prism --json=1": ("--json: '1'", "it takes no value; leave it out"),
     "run prism --output-interval 20 --duration 1": ("output_interval = 20.0 s", "longer than the run of 1.0 s"),
     "run net --engine ode": ("ODE: rods 'x0_0' and 'y0_0' share node 'n0_0'", "use MuJoCo or DAE"),
-    "run prism_drop --engine dae": ("DAE: scene 'prism_drop' has contact", "use MuJoCo, or leave it out"),
+    "run prism_drop --engine ode": ("ODE: scene 'prism_drop' has contact", "use MuJoCo or DAE, or leave it out"),
     "run prism --replay text.nc": (
         "text.nc",
         "not a readable trajectory",

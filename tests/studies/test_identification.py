@@ -475,7 +475,7 @@ def test_friction_is_found_by_the_engine_that_has_it() -> None:
     (row,) = found.data["parameters"]
     assert abs(row["value"] - truth) < 0.1 * row["deviation"]
     with pytest.raises(OptionError, match="contact"):
-        identify(scene, run, ["scene.contact.friction"], tmj.DAE())
+        identify(scene, run, ["scene.contact.friction"], tmj.ODE())
 
 
 CASES: dict[str, tuple[list[Any], str]] = {

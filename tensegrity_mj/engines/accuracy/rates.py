@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.remembered import once
@@ -193,6 +192,8 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
 def _matrix(rows: IntArray, columns: IntArray, values: Array, shape: tuple[int, int], dense: bool) -> Any:
     """The matrix of sums of entries: sparse, or dense where that is faster."""
     if not dense:
+        from scipy import sparse  # which the runs of small structures need not import
+
         return sparse.csr_array((values, (rows, columns)), shape=shape)
     return np.bincount(rows * shape[1] + columns, values, shape[0] * shape[1]).reshape(shape)
 
