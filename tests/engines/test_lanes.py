@@ -139,6 +139,9 @@ def test_numbers_of_structures_and_laws_are_lanes_of_their_own(prism, width) -> 
     for chosen, threads in ((None, 2), (laws, 1), (laws, 2)):
         runs = check_each_alone(scenes, chosen, threads, duration=0.05)
         assert runs.cost["lanes"] == {"width": width, "runs": len(scenes), "alone": {}}
+    # Of one structure as well, whose runs share all else.
+    leaning = [prism.with_(gravity=(0.0, 0.1 * k, -9.81)) for k in range(width + 2)]
+    assert check_each_alone(leaning, None, duration=0.05).cost["lanes"]["runs"] == width + 2
     # Laws by other formulas, as of gains that are no multiples of one, are of another kind.
     skew = Lyapunov(prism.structure, ways[1].nodes0, rotation=Gains(np.diag([1.0, 2.0, 3.0]), 0.5, 2.0))
     runs = check_each_alone([*scenes, prism], [*laws, skew], duration=0.02)
