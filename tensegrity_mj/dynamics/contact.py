@@ -26,7 +26,8 @@ from tensegrity_mj.dynamics.native.views import changing_view, fields_of
 
 MUJOCO, COULOMB = range(2)
 FLOOR = fields_of(
-    level="real",  # of points with normal · x = level
+    lowest=("f8", "rods", 2),  # normal · x of a rod's nodes at touch, -∞ of those that touch no floor
+    ground=("f8", "points"),  # and of point masses
     frame=("f8", 3, 3),  # rows: the normal, upwards, and two tangents
     radii=("f8", "rods"),
     axial=("f8", "rods"),  # moments of inertia about the rods' own axes, 0 of those that do not turn about them

@@ -1,8 +1,9 @@
 """The equations of `touching` where rods touch each other as well: all contacts of a state are solved together.
 
 Two rods touch where the nearest points of their axes are less than both radii apart, by -r: at p, in the middle of the
-overlap, with a normal from the first rod to the second. A contact has two sides: the second rod, on which the force
-acts, and the first, on which its opposite does; that with the floor has one.
+overlap, with a normal from the first rod to the second. Parallel axes, which have no nearest points, do so at both ends
+of the part in which they lie side by side, as in MuJoCo: one contact would not carry a rod. A contact has two sides:
+the second rod, on which the force acts, and the first, on which its opposite does; that with the floor has one.
 """
 
 from __future__ import annotations
@@ -34,18 +35,49 @@ from tensegrity_mj.dynamics.touching import (
     wanted,
 )
 
-FLAT = 1e-12  # of the squares of both lengths: axes with less of an area between them are parallel
+PARALLEL = 1e-8  # of both lengths' squares: axes with less of an area's square between them are parallel; MuJoCo's
 
 
 @inlined
-def nearest(x1: Any, u: Any, x2: Any, w: Any) -> tuple[float, float]:
+def _part(x: Any, u: Any, point: Any) -> float:
+    """Where a segment, from x along u, is nearest to a point: a part of its length."""
+    return min(max(dot(u, minus(point, x)) / dot(u, u), 0.0), 1.0)
+
+
+@inlined
+def _across(u: Any, w: Any) -> float:
+    """How much of two lengths is across each other: 0 of parallel ones."""
+    area = cross(u, w)
+    return dot(area, area) / (dot(u, u) * dot(w, w))
+
+
+@inlined
+def _nearest(x1: Any, u: Any, x2: Any, w: Any) -> tuple[float, float]:
     """Where two segments, from x along u and w, are nearest to each other: parts of their lengths."""
     apart = minus(x1, x2)
     uu, ww, uw, ua, wa = dot(u, u), dot(w, w), dot(u, w), dot(u, apart), dot(w, apart)
-    area = uu * ww - uw * uw
-    s = min(max((uw * wa - ww * ua) / area, 0.0), 1.0) if area > FLAT * uu * ww else 0.0
-    t = min(max((s * uw + wa) / ww, 0.0), 1.0)
-    return min(max((t * uw - ua) / uu, 0.0), 1.0), t
+    s = min(max((uw * wa - ww * ua) / (uu * ww - uw * uw), 0.0), 1.0)
+    t = _part(x2, w, plus(x1, times(s, u)))
+    return _part(x1, u, plus(x2, times(t, w))), t
+
+
+@inlined
+def _meet(floor: Any, count: int, pair: Any, between: Any, parts: tuple[float, float], side: Any) -> int:
+    """Add what two rods have in touch where their axes are `between` apart; `side`: a normal of axes that cross."""
+    radii, gaps = floor.radii, floor.gaps
+    a, o = pair
+    distance = np.sqrt(dot(between, between))
+    gap = distance - radii[a] - radii[o]
+    if gap >= 0.0 or count == len(gaps):
+        return count
+    between = between if distance > 0.0 else side
+    normal = over(between, np.sqrt(dot(between, between)))
+    floor.sides[count, 0], floor.sides[count, 1], gaps[count] = a, o, gap
+    floor.parts[count, 0], floor.parts[count, 1] = parts
+    put(floor.arms[count], 0, times(radii[a] + 0.5 * gap, normal))
+    put(floor.arms[count], 1, times(-(radii[o] + 0.5 * gap), normal))
+    _put_frame(floor.frames, count, normal)
+    return count + 1
 
 
 @inlined
@@ -68,7 +100,7 @@ def _find(own: Any, floor: Any) -> int:
     if floor.there:
         for a in range(len(rods)):
             for end in range(2):
-                gap = dot(n, row_of(nodes, rods[a].j if end else rods[a].i)) - floor.level - radii[a]
+                gap = dot(n, row_of(nodes, rods[a].j if end else rods[a].i)) - floor.lowest[a, end]
                 if gap < 0.0 and count < len(gaps):
                     sides[count, 0], sides[count, 1], parts[count, 1], gaps[count] = -1, a, end, gap
                     put(arms[count], 1, times(-(radii[a] + 0.5 * gap), n))
@@ -79,18 +111,17 @@ def _find(own: Any, floor: Any) -> int:
         a, o = floor.pairs[k, 0], floor.pairs[k, 1]
         x1, x2 = row_of(nodes, rods[a].i), row_of(nodes, rods[o].i)
         u, w = minus(row_of(nodes, rods[a].j), x1), minus(row_of(nodes, rods[o].j), x2)
-        s, t = nearest(x1, u, x2, w)
-        between = minus(plus(x2, times(t, w)), plus(x1, times(s, u)))
-        distance = np.sqrt(dot(between, between))
-        gap = distance - radii[a] - radii[o]
-        if gap < 0.0 and count < len(gaps):
-            between = between if distance > 0.0 else cross(u, w)
-            normal = over(between, np.sqrt(dot(between, between)))
-            sides[count, 0], sides[count, 1], parts[count, 0], parts[count, 1], gaps[count] = a, o, s, t, gap
-            put(arms[count], 0, times(radii[a] + 0.5 * gap, normal))
-            put(arms[count], 1, times(-(radii[o] + 0.5 * gap), normal))
-            _put_frame(frames, count, normal)
-            count += 1
+        parallel = _across(u, w) <= PARALLEL
+        for end in range(2 if parallel else 1):
+            if parallel:
+                # An end of the second rod and where the first is nearest to it; beyond the first, the other way round.
+                t = float(end)
+                s = _part(x1, u, plus(x2, times(t, w)))
+                t = t if 0.0 < s < 1.0 else _part(x2, w, plus(x1, times(s, u)))
+            else:
+                s, t = _nearest(x1, u, x2, w)
+            between = minus(plus(x2, times(t, w)), plus(x1, times(s, u)))
+            count = _meet(floor, count, (a, o), between, (s, t), cross(u, w))
     return count
 
 

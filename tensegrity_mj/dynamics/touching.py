@@ -97,6 +97,13 @@ def _lever(rod: Any, end: int) -> float:
     return float(rod.length * (end - rod.sigma))
 
 
+@inlined
+def _gaps(law: Any, a: int, rod: Any, nodes: Any) -> tuple[float, float]:
+    """How far both half balls of a rod are above the floor [m]."""
+    n = row_of(law.frame, 0)
+    return dot(n, row_of(nodes, rod.i)) - law.lowest[a, 0], dot(n, row_of(nodes, rod.j)) - law.lowest[a, 1]
+
+
 @borrowing
 def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc: Any, b_acc: Any) -> Any:
     """What the contacts of a rod add to t_r, t_b and s', and their power [W] but for that on the spin.
@@ -105,9 +112,9 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
     """
     law, nodes = Floor(own.floor), own.nodes
     frame, radius, axial = law.frame, law.radii[a], law.axial[a]
-    n, lowest = row_of(frame, 0), law.level + radius
+    n = row_of(frame, 0)
     t_r, t_b, power, spun = ZERO, ZERO, 0.0, 0.0
-    gaps = (dot(n, row_of(nodes, rod.i)) - lowest, dot(n, row_of(nodes, rod.j)) - lowest)
+    gaps = _gaps(law, a, rod, nodes)
     count, first = 0, 0
     equations = system(stack_doubles(ROOM_OF_TWO), 2)
     A, c, R, f = equations[0], equations[1], equations[2], equations[3]
@@ -190,7 +197,7 @@ def touching_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
     """
     rods, gravity, kp, kd, power = own.rods, own.gravity, own.kp, own.kd, 0.0
     multipliers, nodes, floor = own.multipliers, own.nodes, Floor(own.floor)
-    n, level, radii, turning = row_of(floor.frame, 0), floor.level, floor.radii, floor.spin_place
+    turning = floor.spin_place
     for k in range(own.rod_count, len(multipliers)):
         multipliers[k] = 0.0
     for a in range(len(rods)):
@@ -202,7 +209,7 @@ def touching_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
             spin, out[turning + a] = rates[turning + a], 0.0
             t_b = plus(t_b, times(floor.axial[a] * spin, cross(b, b_rate)))
         r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
-        if min(dot(n, row_of(nodes, rod.i)), dot(n, row_of(nodes, rod.j))) < level + radii[a]:
+        if min(_gaps(floor, a, rod, nodes)) < 0.0:
             more_r, more_b, spun, given = push_rod(own, a, rod, b, b_rate, spin, r_acc, b_acc)
             if turning >= 0:
                 out[turning + a] = spun
@@ -223,7 +230,7 @@ def push_points(own: Any) -> float:
     n = row_of(frame, 0)
     for p in range(len(points)):
         point = points[p]
-        gap = dot(n, row_of(own.nodes, point.node)) - law.level
+        gap = dot(n, row_of(own.nodes, point.node)) - law.ground[p]
         if gap >= 0.0:
             continue
         pull = plus(over(row_of(own.forces, point.node), point.mass), vector(own.gravity))

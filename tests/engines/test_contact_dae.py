@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from contact_law import impedance
 from scipy.optimize import brentq
-from touching_scenes import Array, State, held_rod, pile, reaction, touching_robot, touching_rod
+from touching_scenes import Array, State, held_rod, logs, pile, reaction, touching_robot, touching_rod
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.contact import COULOMB, FLOOR, MUJOCO, Floor, push, push_all, room_size, system
@@ -41,13 +41,14 @@ def states() -> dict[str, list[State]]:
         found[name] = [touching_robot(scene, rng) for _ in range(50)]
     found["held"] = [held_rod(rng) for _ in range(60)]
     found["pile"] = [pile(rng) for _ in range(100)]
+    found["logs"] = [logs(rng) for _ in range(100)]
     return found
 
 
 @pytest.mark.usefixtures("solved")
 @pytest.mark.parametrize("where", list(states()))
 def test_accelerations_are_those_of_mujoco(where: str) -> None:
-    """At 460 states. Forces are those of springs D = 1/R on accelerations in MuJoCo, of R_t = (1 - d)/(100 d) A: digits
+    """At 560 states. Forces are those of springs D = 1/R on accelerations in MuJoCo, of R_t = (1 - d)/(100 d) A: digits
     of 1/R_t >= 1/2000 of A are lost of 16, which leaves 1e-12 of the largest acceleration. What holds spin there leaves
     a part of 12 (ρ/ℓ)² 1e-9 <= 3e-12 of 1/m, in a pile, of rods of up to 20 mm, 1.3e-11; and there are a few of each.
     """
@@ -55,7 +56,7 @@ def test_accelerations_are_those_of_mujoco(where: str) -> None:
         ours, theirs = (reaction(scene, engine, nodes, velocities) for engine in (tmj.DAE(), tmj.MuJoCo()))
         free = reaction(scene.with_(contact=None), tmj.DAE(), nodes, velocities)
         size = max(np.abs(theirs).max(), np.abs(free).max(), np.abs(theirs - free).max())
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=(5e-11 if where == "pile" else 1e-11) * size)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=(5e-11 if where in ("pile", "logs") else 1e-11) * size)
 
 
 @pytest.mark.parametrize(("name", "duration"), [("prism_drop", 0.5), ("six_bar_push", 0.3)])
@@ -131,6 +132,59 @@ def test_rods_that_cross_touch_each_other_as_in_mujoco() -> None:
     assert max(run.reports["contact"]["touching"]) > 3
     alone = tmj.simulate(squeezed.with_(contact=scene.contact), None, tmj.DAE(), duration=0.1)
     assert np.abs(alone.nodes[-1] - run.nodes[-1]).max() > 1e-3
+
+
+def test_point_masses_touch_with_their_points_as_in_mujoco() -> None:
+    """On a tilted floor, one of them in a plane: by the same steps of the same coordinates, so to round-off, which
+    contacts enlarge. At rest it is as deep as (1 - d) d₁² g = stiffness d² r has it."""
+    nodes = {"p": (0, 0, 0.05), "q": (0.1, 0.1, 0.2), "lone": (1.0, 0, 1e-4)}
+    masses = (tmj.PointMass("p", 1.0), tmj.PointMass("q", 2.0, plane=(0, 1, 0)), tmj.PointMass("lone", 0.3))
+    string = tmj.String("s", ("p", "q"), stiffness=100.0, rest_length=0.1)
+    structure = tmj.Structure("points", nodes, (), (string,), point_masses=masses)
+    for normal in ((0, 0, 1), (0.1, 0.2, 1)):
+        contact = Contact(floor=0.0, normal=normal)
+        scene = tmj.Scene(structure, gravity=(0, 0, -G), contact=contact)
+        engines = (tmj.DAE(method="rk4", timestep=STEP), tmj.MuJoCo(STEP))
+        ours, theirs = (tmj.simulate(scene, None, engine, duration=0.3) for engine in engines)
+        assert max(ours.reports["contact"]["touching"]) >= 2
+        np.testing.assert_allclose(ours.nodes, theirs.nodes, rtol=0, atol=1e-12)
+        if normal == (0, 0, 1):
+            depth = -theirs.nodes[-1, 2, 2]
+            d, d1 = impedance(contact, depth), contact.spring.impedance[1]
+            assert (1 - d) * d1**2 * G == pytest.approx(contact.stiffness * d**2 * depth, rel=1e-6)
+
+
+def held_scene(kind: str) -> tmj.Scene:
+    """What supports hold at or below a floor, of the normal (0.6, 0, 0.8)."""
+    up, along = np.array([0.6, 0, 0.8]), np.array([0.8, 0, -0.6])
+    supports = {"pin": tmj.Support.pinned(0.0), "height": tmj.Support(0.0, (up,)), "plane": tmj.Support.free(0.5, up)}
+    nodes, contact = {"a": -0.02 * up, "b": -0.02 * up + along}, Contact(floor=0.0, normal=up)
+    if kind == "point":
+        structure = tmj.Structure(kind, {"a": -0.02 * up, "b": along}, (), point_masses=(
+            tmj.PointMass("a", 1.0, plane=tuple(up)), tmj.PointMass("b", 1.0)))  # fmt: skip
+        return tmj.Scene(structure, gravity=tuple(-G * up), contact=contact, initial_velocities=[along, along])
+    if kind != "plane":
+        nodes["b"] = -0.02 * up + np.sqrt(0.5) * (along + up)
+    rod = tmj.Rod("rod", ("a", "b"), 1.0, 0.01, supports[kind])
+    velocities = None if kind == "pin" else [0.3 * along, 0.3 * along]
+    structure = tmj.Structure(kind, {name: tuple(place) for name, place in nodes.items()}, (rod,))
+    return tmj.Scene(structure, gravity=tuple(-G * up), contact=contact, initial_velocities=velocities)
+
+
+@pytest.mark.parametrize("kind", ["pin", "height", "plane", "point"])
+def test_what_supports_hold_touches_no_floor(kind: str) -> None:
+    """A contact that cannot move it would press with 1e15 N in MuJoCo, and its friction hold it for good."""
+    scene = held_scene(kind)
+    engines = (tmj.DAE(method="rk4", timestep=STEP), tmj.MuJoCo(STEP))
+    ours, theirs = (tmj.simulate(scene, None, engine, duration=0.5) for engine in engines)
+    np.testing.assert_allclose(ours.nodes, theirs.nodes, rtol=0, atol=1e-9)
+    touching = ours.reports["contact"]["touching"]
+    assert touching == theirs.reports["contact"]["touching"]
+    assert max(touching) == (0 if kind == "plane" else 1)
+    assert theirs.reports["contact"]["largest_normal_force"] < 1e4
+    if kind in ("plane", "point"):  # it goes on as it was
+        v = scene.velocities0[0]
+        np.testing.assert_allclose(theirs.nodes[-1, 0], scene.nodes0[0] + 0.5 * v, rtol=0, atol=1e-12)
 
 
 # The law of Coulomb's, by other ways than the product's.

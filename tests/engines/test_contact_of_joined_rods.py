@@ -200,6 +200,8 @@ def test_rods_that_cross_are_refused_by_name_and_may_be_excluded(tmp_path: Path)
         scene.with_(contact=Contact(rods=True))
     with pytest.raises(SceneError, match=r"no rod to exclude 'falling' \(did you mean 'falling1'\?\)"):
         scene.with_(contact=Contact(rods=True, exclude=[("rising1", "falling")]))
+    with pytest.raises(SceneError, match="exclude: rod 'rising1' with itself; name two"):
+        scene.with_(contact=Contact(rods=True, exclude=[("rising1", "rising1")]))
     with pytest.raises(SceneError, match="exclude needs rods = True"):
         scene.with_(contact=Contact(floor=-9.0, exclude=[("rising1", "falling1")]))
     excluding = scene.with_(contact=Contact(rods=True, exclude=[("falling1", "rising1")]))

@@ -114,6 +114,24 @@ def pile(rng: np.random.Generator) -> State:
     return scene, np.array(nodes), np.array(velocities)
 
 
+def logs(rng: np.random.Generator) -> State:
+    """Two rods side by side or end to end, parallel or nearly so, wherever one begins along the other."""
+    lengths, radii = rng.uniform(0.3, 1.0, 2), rng.uniform(0.013, 0.02, 2)
+    b, n = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+    apart = rng.choice([0.0, 1.0]) * (radii.sum() - 1e-3) * n
+    start = rng.uniform(-1, 1) * lengths[0] * b if apart.any() else (lengths[0] + radii.sum() - 1e-3) * b
+    turned = b + float(rng.choice([0, 1e-6, 9e-5])) * np.cross(b, n)
+    turned *= rng.choice([-1, 1]) / np.linalg.norm(turned)
+    nodes = np.array([0 * b, lengths[0] * b, start + apart, start + apart + lengths[1] * turned])
+    if nodes[3] @ b < nodes[2] @ b and not apart.any():
+        nodes[2:] = nodes[:1:-1] + lengths[1] * b
+    names = {"a0": (0, 0, 0), "b0": (lengths[0], 0, 0), "a1": (0, 0, 9), "b1": (lengths[1], 0, 9)}
+    rods = [tmj.Rod(f"r{k}", (f"a{k}", f"b{k}"), rng.uniform(0.1, 2), radii[k]) for k in range(2)]
+    contact = Contact(rods=True, friction=float(rng.choice([0, 0.6])), spin=str(rng.choice(["held", "free"])))
+    scene = tmj.Scene(tmj.Structure("logs", names, rods), gravity=(0, 0, -9.81), contact=contact)
+    return scene, nodes, np.repeat(rng.normal(size=(2, 3)), 2, axis=0)
+
+
 def reaction(scene: tmj.Scene, engine: Any, nodes: Array, velocities: Array) -> Array:
     """(N, 3) [m/s²], at a state that no scene may begin with: it may be deep inside the floor."""
     law = native_law(None, scene.structure)

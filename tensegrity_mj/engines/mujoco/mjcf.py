@@ -52,7 +52,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import (
 from tensegrity_mj.engines.mujoco.mjcf_versions import state_oldest
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, holds_spin
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, held_nodes, holds_spin
 from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.rods import axial_moment, centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene
@@ -83,7 +83,7 @@ AXIAL_INERTIA = 1e-5
 # spin that round-off leaves falls in proportion, from 3e-6 to 3e-13 rad/s.
 NESTED_AXIAL_INERTIA = 1e-2
 LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
-POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
+POINT_RADIUS = 1e-3  # m: a point mass touches the floor with the lowest point of a ball of this radius
 LOOK = {"contype": "0", "conaffinity": "0", "rgba": "0.4 0.4 0.45 1"}  # the picture of a mass
 FLOOR, MEMBER = 1, 2  # bits that say what may touch
 # What drives a support is a slide whose armature is this many times all masses of the scene. It is pushed with as much
@@ -312,7 +312,7 @@ class Bodies:
 
     def __init__(self, world: ET.Element, scene: Scene, tree: BodyTree, names: Names, thickness: float) -> None:
         self.world, self.scene, self.tree, self.names, self.thickness = world, scene, tree, names, thickness
-        self.structure = scene.structure
+        self.structure, self.held = scene.structure, held_nodes(scene.structure, scene.contact)
         self.site = {"size": 2 * thickness, "rgba": "0.2 0.2 0.2 1"}
 
     def add(self) -> None:
@@ -367,7 +367,12 @@ class Bodies:
         mass, moments = structure.rod_masses[number], [transverse, transverse, axial]
         add(body, "inertial", pos=center, mass=mass, diaginertia=moments, quat=turned)
         shape = {"type": "capsule", "fromto": [0, 0, back, 0, 0, ahead], "size": rod.radius}
-        add(body, "geom", name=rod.name, **shape, **touching(scene, rods=True), rgba="0.25 0.35 0.55 1")
+        apart = self.held[structure.rod_nodes[number]]
+        bits = touching(scene, rods=True, floor=not apart.any())
+        add(body, "geom", name=rod.name, **shape, **bits, rgba="0.25 0.35 0.55 1")
+        if apart.any():  # as a plane knows a capsule by the half balls at its ends, so here the one that is not held
+            for height in np.array([back, ahead])[~apart]:
+                add(body, "geom", type="sphere", pos=[0, 0, height], size=rod.radius, **touching(scene), rgba="0 0 0 0")
         for lump in rod.masses:
             add(body, "geom", type="sphere", pos=[0, 0, back + lump.at * length], size=1.6 * rod.radius, **LOOK)
         closures = zip(self.tree.forest.closures, names.ends, strict=True)
@@ -434,9 +439,9 @@ class Bodies:
         own = sum(len(rope.points) for rope in structure.ropes)  # the last of them, drawn as strings are
         radius = self.thickness if number >= len(structure.lone_masses) - own else 4 * self.thickness
         add(body, "geom", type="sphere", size=radius, **LOOK)
-        if scene.contact is not None and scene.contact.floor is not None:
-            ball = POINT_RADIUS * size(scene)
-            add(body, "geom", type="sphere", size=ball, **touching(scene, rods=False), rgba="0 0 0 0")
+        if scene.contact is not None and not self.held[structure.node_index[point.node]]:
+            at = POINT_RADIUS * scene.contact.up  # the body does not turn
+            add(body, "geom", type="sphere", pos=at, size=POINT_RADIUS, **touching(scene), rgba="0 0 0 0")
         add(body, "site", name=point.node, pos="0 0 0", **self.site)
 
     def _add_moved_node(self, number: int) -> None:
@@ -469,13 +474,13 @@ def drive(scene: Scene) -> float:
     return DRIVE * (total_mass(scene.structure) or 1.0)
 
 
-def touching(scene: Scene, rods: bool) -> dict[str, Any]:
-    """Attributes of a geom that touches the floor, if there is one, and `rods`, if they touch; nothing otherwise."""
+def touching(scene: Scene, *, rods: bool = False, floor: bool = True) -> dict[str, Any]:
+    """Attributes of a geom that touches the `floor`, if there is one, and `rods`, if they touch; nothing otherwise."""
     contact = scene.contact
     if contact is None:
         return {"contype": "0", "conaffinity": "0"}
     member = MEMBER if rods and contact.rods else 0
-    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if contact.floor is not None else 0))}
+    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if floor and contact.floor is not None else 0))}
     return bits | hardness(contact)
 
 

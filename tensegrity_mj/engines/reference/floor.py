@@ -10,7 +10,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.contact import COULOMB, FLOOR, MUJOCO, room_size
 from tensegrity_mj.dynamics.native.views import Table
-from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin
+from tensegrity_mj.model.elements.contact import FRICTION_IMPEDANCE, Contact, ContactLaw, Spin, held_nodes
 from tensegrity_mj.model.rods import axial_moment
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -26,13 +26,15 @@ def packed(contact: Contact, structure: Structure, coordinates: int) -> Table:
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
     stiffness, damping, (d0, d1, width, middle, power) = contact.spring
-    axial = axial_moments(contact, structure)
+    axial, radii = axial_moments(contact, structure), np.array([rod.radius for rod in structure.rods], float)
+    lowest = np.where(held_nodes(structure, contact), -np.inf, contact.floor or 0.0)
     table = Table("Floor", FLOOR)
     table.set(
-        radii=np.array([rod.radius for rod in structure.rods], float),
+        radii=radii,
         axial=axial,
         spin_place=coordinates if axial.any() else -1,
-        level=contact.floor or 0.0,
+        lowest=lowest[structure.rod_nodes] + radii[:, None],
+        ground=lowest[[structure.node_index[point.node] for point in structure.lone_masses]],
         frame=np.stack([normal, first, np.cross(normal, first)]),
         kind=COULOMB if contact.law is ContactLaw.COULOMB else MUJOCO,
         friction=contact.friction,
@@ -62,7 +64,7 @@ def _crowd(contact: Contact, structure: Structure) -> dict[str, Any]:
         ],
         np.int64,
     ).reshape(-1, 2)
-    most = min(2 * rods + len(pairs), CROWD) + 1
+    most = min(2 * rods + 2 * len(pairs), CROWD) + 1
     return {
         "pairs": pairs,
         "sides": np.zeros((most, 2), np.int64),

@@ -79,7 +79,8 @@ class Contact:
     larger one says so before it starts (`contact_steps` has it for all ζ).
 
     Attributes:
-        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
+        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor, but for nodes that supports
+            keep from moving along it, where it is plane. None for no floor.
         normal: of the floor, upwards; of any length but zero.
         terrain: heights above the level of the floor, whose normal is then z; None for a floor that is a plane.
         rods: whether rods touch each other, those that share a node excepted.
@@ -174,20 +175,40 @@ def holds_spin(scene: Scene) -> bool:
     return contact is not None and contact.spin is Spin.HELD and contact.friction > 0 and turning
 
 
+HELD = 3e-5  # of a unit normal along what moves: supports hold the node, which a force would move by 1e-9 of the free
 MOST_BALLS = 10_000  # along a rod, that are held against uneven ground together
 MOST_CROSSING = 6  # pairs of rods that a message names
 PIECE = 1_000_000  # pairs of boxes that are checked together
 
 
 def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
-    """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ for fixed nodes, or without one."""
+    """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ of what touches none."""
     radii = np.full(len(structure.nodes), np.nan)
     if contact.floor is None:
         return np.full(len(radii), np.inf)
     for rod, ends in zip(structure.rods, structure.rod_nodes, strict=True):
         radii[ends] = np.fmax(radii[ends], rod.radius)
     radii[[structure.node_index[point.node] for point in structure.lone_masses]] = 0.0
+    radii[held_nodes(structure, contact)] = np.nan
     return np.where(np.isfinite(radii), _clearance(contact, nodes, radii), np.inf)
+
+
+def held_nodes(structure: Structure, contact: Contact | None) -> NDArray[np.bool_]:
+    """(N,): which nodes supports keep from moving along the normal of a plane floor; these do not touch it."""
+    found = np.zeros(len(structure.nodes), bool)
+    if contact is None or contact.floor is None or contact.terrain is not None:
+        return found
+
+    def kept(basis: Array) -> bool:
+        return bool(np.linalg.norm(basis.T @ contact.up) < HELD)
+
+    for rod, ends in zip(structure.rods, structure.rod_nodes, strict=True):
+        support = rod.support
+        if kept(support.translation_basis):
+            found[ends] |= kept(support.rotation_basis) or np.abs(support.sigma - np.arange(2)) < HELD
+    for point in structure.lone_masses:
+        found[structure.node_index[point.node]] |= kept(point.translation_basis)
+    return found
 
 
 def _clearance(contact: Contact, centres: Array, radii: Array) -> Array:
@@ -347,6 +368,9 @@ def check_contact(scene: Scene) -> None:
             raise refused(
                 contact, unknown(name, names, "rod to exclude") if contact.rods else "exclude needs rods = True"
             )
+    for name, other in contact.exclude:
+        if name == other:
+            raise refused(contact, f"exclude: rod '{name}' with itself; name two rods that do not touch each other")
     if contact.terrain is not None and scene.structure.lone_masses:
         # A ball as small as a point may be between two of MuJoCo's cells, and falls through.
         raise refused(
