@@ -79,8 +79,8 @@ class Contact:
     larger one says so before it starts (`contact_steps` has it for all ζ).
 
     Attributes:
-        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor, but for nodes that supports
-            keep from moving along it, where it is plane. None for no floor.
+        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor. Nodes
+            that supports keep from moving along the normal do not touch a plane floor.
         normal: of the floor, upwards; of any length but zero.
         terrain: heights above the level of the floor, whose normal is then z; None for a floor that is a plane.
         rods: whether rods touch each other, those that share a node excepted.
