@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +20,9 @@ from tensegrity_mj.model import Contact, Section
 from tensegrity_mj.model.rods import axial_moment
 
 G, MASS, LENGTH, RADIUS = 9.81, 0.7, 0.6, 0.02
+both = pytest.mark.parametrize(
+    "engine", [tmj.MuJoCo, lambda step: tmj.DAE(method="rk4", timestep=step)], ids=["mujoco", "dae"]
+)
 
 
 def rolling_rod(spin: str, name: str = "rod") -> tmj.Scene:
@@ -74,7 +79,8 @@ def test_what_is_left_of_spin_falls_with_the_armature(monkeypatch: pytest.Monkey
     assert np.abs(free.nodes[-1] - ends[2]).max() > 1e3 * first
 
 
-def test_a_held_rod_lies_across_a_slope_on_which_a_free_one_rolls() -> None:
+@both
+def test_a_held_rod_lies_across_a_slope_on_which_a_free_one_rolls(engine: Callable[[float], Any]) -> None:
     """With tan α < μ: what is held sticks, and what is free rolls with 2/3 g sin α (`test_contact_on_terrain`)."""
     speeds = {}
     for spin in ("held", "free"):
@@ -84,7 +90,7 @@ def test_a_held_rod_lies_across_a_slope_on_which_a_free_one_rolls() -> None:
         scene = tmj.Scene(
             structure, gravity=(G * np.sin(0.2), 0, -G * np.cos(0.2)), contact=Contact(floor=0.0, spin=spin)
         )
-        run = tmj.simulate(scene, None, tmj.MuJoCo(5e-4), duration=0.5)
+        run = tmj.simulate(scene, None, engine(5e-4), duration=0.5)
         speeds[spin] = float(run.velocities[-1, 0, 0])
     # Creep: v b/R on the masses of both ends, as `test_contact` has it; here below a millimetre a second.
     assert 0 < speeds["held"] < 1e-3
@@ -141,7 +147,8 @@ def test_damping_and_width_follow_the_stiffness() -> None:
     assert replace(own, stiffness=1e4).spring == (1e4, 30.0, (0.9, 0.9, 1e-3, 0.5, 2.0))
 
 
-def test_landings_on_floors_of_any_stiffness_are_alike() -> None:
+@both
+def test_landings_on_floors_of_any_stiffness_are_alike(engine: Callable[[float], Any]) -> None:
     """Without weight, the law of stiffness k in time t is that of 16 k in t/4 at a quarter of the depth.
 
     Steps as well: so the same numbers but for round-off, 1e-16 of each of 4,000 steps, if widths shrink, too.
@@ -151,7 +158,7 @@ def test_landings_on_floors_of_any_stiffness_are_alike() -> None:
         structure = tmj.Structure("point", {"a": (0, 0, 0)}, point_masses=(tmj.PointMass("a", 1.0),))
         contact = Contact(floor=-100 * step, friction=0.0, stiffness=stiffness)
         scene = tmj.Scene(structure, contact=contact, initial_velocities=[(0, 0, -1.0)])
-        run = tmj.simulate(scene, None, tmj.MuJoCo(step), duration=4000 * step, output_interval=100 * step)
+        run = tmj.simulate(scene, None, engine(step), duration=4000 * step, output_interval=100 * step)
         found.append((run.nodes[:, 0, 2] / step, run.velocities[:, 0, 2]))
     np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-6)
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=0, atol=1e-6)
