@@ -31,9 +31,8 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
     rest, broken, seen, k = plant.rest, plant.broken, plant.watched, plant.stiffness
     M = len(rest)
     for m in range(M):
-        hit = (rest[m] <= 0.0) & (k[m] > 0.0)
-        if any_of(hit) and not broken[m]:
-            _count(seen[m], hit, rest[m], t, 0)
+        if any_of(rest[m] <= 0.0) and not broken[m]:
+            _count(seen[m], (rest[m] <= 0.0) & (k[m] > 0.0), rest[m], t, 0)
     if not answered or plant.returns_lengths:
         return
     command, stiffness, lengths, least = plant.command, plant.stiffness, plant.lengths, plant.min_rest_length
@@ -42,10 +41,10 @@ def watch_strings(table: int, t: float, answered: bool) -> None:
         largest = max(largest, abs(command[m]))
     for m in range(M):
         push = -command[m] > PUSH_ROUND_OFF * largest + STRAIN_ROUND_OFF * stiffness[m]
-        if plant.limited:
-            # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
-            push = push & (command[m] < stiffness[m] * (1.0 - least[m] / lengths[m]))
         if any_of(push) and not broken[m]:
+            if plant.limited:
+                # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
+                push = push & (command[m] < stiffness[m] * (1.0 - least[m] / lengths[m]))
             _count(seen[m], push, command[m], t, PUSH)
 
 
