@@ -175,12 +175,24 @@ def test_a_run_that_is_wrong_at_any_step_is_refused(monkeypatch: pytest.MonkeyPa
 
 
 def test_what_the_dae_cannot_certify_is_climbed() -> None:
-    """Contact, where its order is not known, and a law in Python, which takes the time of both alike."""
-    drop = tmj.load_scene("prism_drop").with_(duration=0.1)
-    for scene, law in ((drop, None), (string_pendulum(), lambda time, nodes, velocities: np.full(3, 1.0))):
+    """Contact, where its order is not known; a law in Python, which takes the time of both alike; and bodies, or linear
+    constraints on nodes, with which all is one system of the DAE, of dearer steps than MuJoCo's.
+    """
+    drop, spine, ladder = (tmj.load_scene(name).with_(duration=0.1) for name in ("prism_drop", "spine", "ladder"))
+    push = np.full(3, 1.0)
+    laws = [(scene, None) for scene in (drop, spine, ladder)] + [(string_pendulum(), lambda *state: push)]
+    for scene, law in laws:
         report = tmj.simulate(scene, law, tmj.MuJoCo(accuracy=1e-2)).reports["accuracy"]
         assert CERTIFIER not in {one["method"] for one in report["tried"]}
         assert report["met"]
+
+
+def test_a_climb_beside_one_system_of_the_dae_keeps_its_promise() -> None:
+    scene = tmj.load_scene("spine").with_(duration=0.1)
+    run = tmj.simulate(scene, None, tmj.MuJoCo(accuracy=1e-6))
+    assert run.reports["accuracy"]["met"]
+    assert run.error_estimate is not None
+    assert node_difference(run, truth(scene, run)) <= 1e-6
 
 
 def test_cost_counts_every_run() -> None:

@@ -278,7 +278,7 @@ def dense_accelerate(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
 class DenseDAE(DAE):
     """The reference engine by these equations, wherever rods share nodes or not."""
 
-    def _as_one(self, scene: Any) -> bool:
+    def as_one(self, scene: Any) -> bool:
         return False
 
     def _model(self, request: Request) -> Any:

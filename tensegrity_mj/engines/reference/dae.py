@@ -99,11 +99,11 @@ class DAE(ReferenceEngine):
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
         structure = scene.structure
-        if self._as_one(scene):
+        if self.as_one(scene):
             return self._bytes(6 * len(structure.rods) + 3 * len(structure.lone_masses) + 12 * len(structure.bodies))
         return self._bytes(LinkedRecords.of(structure).nq)
 
-    def _as_one(self, scene: Scene) -> bool:
+    def as_one(self, scene: Scene) -> bool:
         """Return whether a structure is one system: so are elastic rods in water; rods alone keep their lengths."""
         wet = scene.structure.elastic.any() and any(one.adds_mass for one in scene.effects)
         return bool(wet) or self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(scene.structure)
@@ -122,7 +122,7 @@ class DAE(ReferenceEngine):
     def _model(self, request: Request) -> _Model:
         """The equations for a structure and its supports."""
         structure = request.scene.structure
-        if self._as_one(request.scene):
+        if self.as_one(request.scene):
             return _assembled(request, self.solver is Solver.FULL)
         alone = structure.class_number <= 1 and not request.scene.motions
         return _rods_alone(request) if alone else _rods_linked(request)
