@@ -43,6 +43,7 @@ FLOOR = fields_of(
     power="real",
     per_ratio="real",  # R_t by R_n
     unsolved="state",  # contacts whose equations were not solved, so far
+    beyond="state",  # states with more contacts than there is room for
     # Where rods touch each other: whether there is a floor as well; which do; and of the contacts of a state, of each
     # side, the rod (-1 for none), its part of the length, and ρ; gaps and frames; of each rod t_r and t_b, r̈ and b̈.
     there="size",

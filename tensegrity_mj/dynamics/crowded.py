@@ -197,7 +197,7 @@ def crowded_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
             loads[a, x], loads[a, 3 + x], free[a, x], free[a, 3 + x] = t_r[x], t_b[x], r_acc[x], b_acc[x]
     count = _find(own, floor)
     if count == len(floor.gaps):
-        floor.unsolved += 1
+        floor.beyond += 1
     if count > 0:
         equations = _pose(own, floor, q, rates, count)
         push_all(floor, equations)

@@ -63,6 +63,12 @@ class Request:
         return found | {f"break of string '{one.string}'": one.time for one in breaks}
 
     @property
+    def softer(self) -> str:
+        """What else lets a run with contact go on that diverged: words within a list of remedies."""
+        contact = self.scene.contact
+        return "" if contact is None else f"make contacts softer (stiffness = {contact.stiffness:g} /s²), "
+
+    @property
     def kinks(self) -> list[float]:
         """Times [s] at which forces have kinks in any state: in data of supports, or in a law at every stage."""
         times = {time for motion in self.scene.motions for time in motion.times}

@@ -134,59 +134,6 @@ def test_rods_that_cross_touch_each_other_as_in_mujoco() -> None:
     assert np.abs(alone.nodes[-1] - run.nodes[-1]).max() > 1e-3
 
 
-def test_point_masses_touch_with_their_points_as_in_mujoco() -> None:
-    """On a tilted floor, one of them in a plane: by the same steps of the same coordinates, so to round-off, which
-    contacts enlarge. At rest it is as deep as (1 - d) d₁² g = stiffness d² r has it."""
-    nodes = {"p": (0, 0, 0.05), "q": (0.1, 0.1, 0.2), "lone": (1.0, 0, 1e-4)}
-    masses = (tmj.PointMass("p", 1.0), tmj.PointMass("q", 2.0, plane=(0, 1, 0)), tmj.PointMass("lone", 0.3))
-    string = tmj.String("s", ("p", "q"), stiffness=100.0, rest_length=0.1)
-    structure = tmj.Structure("points", nodes, (), (string,), point_masses=masses)
-    for normal in ((0, 0, 1), (0.1, 0.2, 1)):
-        contact = Contact(floor=0.0, normal=normal)
-        scene = tmj.Scene(structure, gravity=(0, 0, -G), contact=contact)
-        engines = (tmj.DAE(method="rk4", timestep=STEP), tmj.MuJoCo(STEP))
-        ours, theirs = (tmj.simulate(scene, None, engine, duration=0.3) for engine in engines)
-        assert max(ours.reports["contact"]["touching"]) >= 2
-        np.testing.assert_allclose(ours.nodes, theirs.nodes, rtol=0, atol=1e-12)
-        if normal == (0, 0, 1):
-            depth = -theirs.nodes[-1, 2, 2]
-            d, d1 = impedance(contact, depth), contact.spring.impedance[1]
-            assert (1 - d) * d1**2 * G == pytest.approx(contact.stiffness * d**2 * depth, rel=1e-6)
-
-
-def held_scene(kind: str) -> tmj.Scene:
-    """What supports hold at or below a floor, of the normal (0.6, 0, 0.8)."""
-    up, along = np.array([0.6, 0, 0.8]), np.array([0.8, 0, -0.6])
-    supports = {"pin": tmj.Support.pinned(0.0), "height": tmj.Support(0.0, (up,)), "plane": tmj.Support.free(0.5, up)}
-    nodes, contact = {"a": -0.02 * up, "b": -0.02 * up + along}, Contact(floor=0.0, normal=up)
-    if kind == "point":
-        structure = tmj.Structure(kind, {"a": -0.02 * up, "b": along}, (), point_masses=(
-            tmj.PointMass("a", 1.0, plane=tuple(up)), tmj.PointMass("b", 1.0)))  # fmt: skip
-        return tmj.Scene(structure, gravity=tuple(-G * up), contact=contact, initial_velocities=[along, along])
-    if kind != "plane":
-        nodes["b"] = -0.02 * up + np.sqrt(0.5) * (along + up)
-    rod = tmj.Rod("rod", ("a", "b"), 1.0, 0.01, supports[kind])
-    velocities = None if kind == "pin" else [0.3 * along, 0.3 * along]
-    structure = tmj.Structure(kind, {name: tuple(place) for name, place in nodes.items()}, (rod,))
-    return tmj.Scene(structure, gravity=tuple(-G * up), contact=contact, initial_velocities=velocities)
-
-
-@pytest.mark.parametrize("kind", ["pin", "height", "plane", "point"])
-def test_what_supports_hold_touches_no_floor(kind: str) -> None:
-    """A contact that cannot move it would press with 1e15 N in MuJoCo, and its friction hold it for good."""
-    scene = held_scene(kind)
-    engines = (tmj.DAE(method="rk4", timestep=STEP), tmj.MuJoCo(STEP))
-    ours, theirs = (tmj.simulate(scene, None, engine, duration=0.5) for engine in engines)
-    np.testing.assert_allclose(ours.nodes, theirs.nodes, rtol=0, atol=1e-9)
-    touching = ours.reports["contact"]["touching"]
-    assert touching == theirs.reports["contact"]["touching"]
-    assert max(touching) == (0 if kind == "plane" else 1)
-    assert theirs.reports["contact"]["largest_normal_force"] < 1e4
-    if kind in ("plane", "point"):  # it goes on as it was
-        v = scene.velocities0[0]
-        np.testing.assert_allclose(theirs.nodes[-1, 0], scene.nodes0[0] + 0.5 * v, rtol=0, atol=1e-12)
-
-
 # The law of Coulomb's, by other ways than the product's.
 
 

@@ -152,6 +152,10 @@ def _compile(scene: Scene, userdata: int) -> Prepared:
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
+        if "A + B >= C" in reason:
+            reason += (
+                ": a rod is thicker for its length than MuJoCo lets turn about its axis, beyond length/√3 if solid"
+            )
         raise StructureError(
             f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
             f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"

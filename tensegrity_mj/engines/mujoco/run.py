@@ -211,10 +211,10 @@ class MuJoCoRun:
         return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
 
     def _remedy(self) -> str:
-        text = f"reduce the time step (h = {self.options.timestep:g} s)"
+        step, softer = f"reduce the time step (h = {self.options.timestep:g} s)", self.request.softer
         if self.options.integrator.value != "discrete":
-            text += ", or trade accuracy for stability with Integrator.DISCRETE"
-        return text
+            return f"{step}, {softer}or trade accuracy for stability with Integrator.DISCRETE"
+        return f"{step}, or {softer.removesuffix(', ')}" if softer else step
 
     def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
         structure = self.request.scene.structure

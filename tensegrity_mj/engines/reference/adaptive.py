@@ -40,7 +40,6 @@ VANISHING_MARGIN = (
 )
 
 
-REMEDY = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
 BEYOND = (
     "accelerations or their derivatives are beyond double precision",
     "give masses, lengths, stiffnesses and forces that are nearer to 1 in SI units",
@@ -147,7 +146,7 @@ class ErrorControlled:
             if steps % CRAWL_STEPS == 0:
                 came = t - self.mark_of_progress
                 if came < CRAWL_STEPS / self.options.max_steps * self.request.duration / 100:
-                    self.cause = (f"the last {CRAWL_STEPS} steps came only {came:.2g} s further", REMEDY)
+                    self.cause = (f"the last {CRAWL_STEPS} steps came only {came:.2g} s further", self._remedy)
                 self.mark_of_progress = t
             if steps % LOOK_AFTER == 0:
                 self._check_drive()
@@ -211,7 +210,13 @@ class ErrorControlled:
             message = self.run.equations.explain_singular(t)
         return self._finish(time, self.rows[: len(time)], status, message, switches=self.own["switches"])
 
-    def _given_up(self, cause: str, remedy: str = REMEDY) -> DivergenceError:
+    @property
+    def _remedy(self) -> str:
+        other = "" if self.options.method is Method.RADAU else "use Method.RADAU for stiff strings, "
+        return f"{other}{self.request.softer}loosen the tolerances, or run a discontinuous law sampled"
+
+    def _given_up(self, cause: str, remedy: str = "") -> DivergenceError:
+        remedy = remedy or self._remedy
         t, rows = self.own["t"], self.own["next"]
         margin = float(self.plant["report"][Report.FEASIBILITY_MARGIN])
         width = self.plant["row_width"]

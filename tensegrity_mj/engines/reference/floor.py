@@ -91,6 +91,24 @@ def contact_columns(structure: Structure) -> int:
     return 3 * (2 * len(structure.rods) + len(structure.lone_masses) + 1)
 
 
+def contact_warnings(floor: Table, looked: int) -> list[str]:
+    """Sentences on states whose contact forces were not found, of those that the run looked at."""
+    unsolved, beyond = floor["unsolved"], floor["beyond"]
+    found = []
+    if beyond:
+        found.append(
+            f"at {beyond} of {looked} states more than {CROWD} contacts touched, and those beyond {CROWD} were left "
+            "out: use MuJoCo, or fewer rods that touch"
+        )
+    if unsolved:
+        found.append(
+            f"the forces of contacts were not found {unsolved} times in {looked} states: with much friction on hard "
+            "ones there may be no unique ones; use less friction, an impedance with a smaller d1, or by Coulomb's law "
+            "law = 'mujoco'"
+        )
+    return found
+
+
 def contact_report(scene: Scene, rows: Array, at: int) -> dict[str, Any]:
     """`reports["contact"]` of recorded rows, whose contact forces begin at a column."""
     structure, contact = scene.structure, scene.contact

@@ -34,7 +34,7 @@ from tensegrity_mj.engines.reference.equations import (
     rates_of_state,
     sample_law,
 )
-from tensegrity_mj.engines.reference.floor import contact_report
+from tensegrity_mj.engines.reference.floor import contact_report, contact_warnings
 from tensegrity_mj.engines.reference.located import Room, located_step, rk4_stages
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -118,11 +118,10 @@ class IntegratedRun:
         self, time: Array, rows: Array, status: Status, message: str, cost: dict[str, float], **reports: Any
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
-        width, unsolved = self.plant["row_width"], 0
+        width = self.plant["row_width"]
         end = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
         if self.request.scene.contact is not None:
             reports["contact"] = contact_report(self.request.scene, rows, end)
-            unsolved = self.plant.arrays["floor"]["unsolved"]
         elif end < self.width:
             reports |= {
                 "closure_drift": float(rows[:, end].max(initial=0.0)),  # [m]
@@ -139,12 +138,9 @@ class IntegratedRun:
             rows[:, width:end].copy(),
             Account(status, message, cost, {"name": self.name, **options}, reports, constraint_forces),
         )
-        if unsolved:
-            found.reports["warnings"].append(
-                f"the forces of contacts were not found at {unsolved} of {cost['evaluations']} evaluations: "
-                "more than are solved together, or by Coulomb's law no unique ones, with much friction on hard ones; "
-                "use MuJoCo, less friction, an impedance with a smaller d1, or law = 'mujoco'"
-            )
+        if self.request.scene.contact is not None:
+            looked = cost["evaluations"] + len(time)
+            found.reports["warnings"] += contact_warnings(self.plant.arrays["floor"], looked)
         return found
 
 
@@ -185,7 +181,10 @@ class FixedSteps:
         self.own["steps"] = grid.first
         self.end: dict[str, Any] = {}
         self.status, self.lost = SOLVED, False
-        self._remedy = f"reduce the time step (h = {self.step:g} s), or use Method.RADAU where strings are stiff"
+        softer = self.request.softer
+        self._remedy = (
+            f"reduce the time step (h = {self.step:g} s), {softer}or use Method.RADAU where strings are stiff"
+        )
         _ = rk4_steps.address  # compiles
 
     def go(self) -> None:
