@@ -139,7 +139,7 @@ class IntegratedRun:
             Account(status, message, cost, {"name": self.name, **options}, reports, constraint_forces),
         )
         if self.request.scene.contact is not None:
-            looked = cost["evaluations"] + len(time)
+            looked = int(cost["evaluations"]) + len(time)
             found.reports["warnings"] += contact_warnings(self.plant.arrays["floor"], looked)
         return found
 
