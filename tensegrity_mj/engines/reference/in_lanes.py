@@ -32,7 +32,7 @@ APART = (
     "seen",
     "damped",
 )  # addresses of what each plant has of its own, and what is not read
-OTHERS_EQUATIONS = "rods share nodes, or the solver is that of one system"
+OTHERS_EQUATIONS = "lanes are of the DAE of rods that share no nodes, by its default solver"
 FUNCTIONS = ("place", "accelerate", "project")
 
 
