@@ -34,30 +34,37 @@ def modules() -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ship", action="store_true", help="compile for any processor, into the package")
-    ship = parser.parse_args().ship
+    parser.add_argument("--alone", action="store_true", help="compile in one process, whose CPU time is least (default: two)")
+    options = parser.parse_args()
+    ship = options.ship
     if ship:
         os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = "generic", ""
-    from tensegrity_mj.dynamics.native import compiling, kept, notices
+    from tensegrity_mj.dynamics.native import beside, compiling, kept, notices
 
     for name in modules():
         importlib.import_module(name)
     if ship and kept.SHIPPED.is_dir():
         for old in kept.SHIPPED.glob(f"*.{sys.implementation.cache_tag}.*.nbc"):
             old.unlink()
-    todo = [function for function in compiling.c_functions if ship or not function.is_kept]
-    begun, watched = time.monotonic(), sys.stderr.isatty()
+    todo = [one for one in compiling.c_functions if not one.is_kept]
+    begun = time.monotonic()
+    if todo:
+        print(f"Compiling {len(todo)} functions", file=sys.stderr)
+    # From both ends of the list: what stands side by side in it shares much that is compiled once a process.
+    names = [] if options.alone else [f"{one.__module__}:{one.__qualname__}" for one in reversed(todo)]
+    with beside.second_process(names, heard=True) as second:
+        beside.compile_in_turn(todo)
+        with notices.silent():
+            if todo and not ship:
+                _run_engines()
+        if second is not None and second.wait():
+            print(f"\nThe second process failed ({second.returncode}); this one compiles what is left", file=sys.stderr)
     with notices.silent():
-        for number, function in enumerate(todo, 1):
-            text = f"Compiling {number} of {len(todo)}: {function.what:<60.60}"
-            print(f"\r{text}" if watched else text.rstrip(), end="" if watched else "\n", file=sys.stderr, flush=True)
-            _ = function.address
-            if ship:
-                function.ship(kept.SHIPPED)
-        if todo and not ship:
-            _run_engines()
+        for function in compiling.c_functions if ship else todo:
+            function.ship(kept.SHIPPED) if ship else function.address
     if todo:
         text = f"Compiled {len(todo)} functions in {time.monotonic() - begun:.0f} s"
-        print(f"\r{text:<100}" if watched else text, file=sys.stderr)
+        print(f"\r{text:<80}" if sys.stderr.isatty() else text, file=sys.stderr)
 
 
 def _run_engines() -> None:

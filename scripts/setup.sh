@@ -199,7 +199,8 @@ see_to_compiling() {
     fi
     if [ -e "$done" ] && [ -z "$(find "${code[@]}" -name '*.py' -newer "$done" -print -quit)" ]; then return; fi
     touch "$done.begun"
-    if "$venv/bin/python" "$root/scripts/compile_ahead.py"; then
+    # Alone: installing and then lint have the other core, and two processes take more CPU time than one.
+    if "$venv/bin/python" "$root/scripts/compile_ahead.py" --alone; then
         mv "$done.begun" "$done"
     else
         say "Compiling failed; what a run needs is compiled when it is first run. tensegrity-mj doctor says what is wrong."

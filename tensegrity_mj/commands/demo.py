@@ -15,6 +15,7 @@ from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, code_of_status, number, output_folder, table
+from tensegrity_mj.dynamics.native.beside import second_process
 from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError, printable
 
 TIMESTEP = 1e-3  # s, of the run that is filmed
@@ -27,9 +28,19 @@ PLOTS = {
     "paths": "Paths of the nodes; rods at the end in black; the DAE dashed.",
     "differences": "Differences of the two runs over time.",
 }
+# What is compiled in a second process where it is not kept: what is needed last, the largest first.
+COMPILED_BESIDE = (
+    "tensegrity_mj.engines.mujoco.install:single_run",
+    "tensegrity_mj.engines.mujoco.install:finish",
+    "tensegrity_mj.dynamics.native.law_at_states:evaluate_at_states",
+    "tensegrity_mj.engines.reference.dop853:dop853_step",
+    "tensegrity_mj.pictures.shrink:_average",
+    "tensegrity_mj.dynamics.target:_target_nodes",
+)
 Agreement = list[dict[str, float]]  # a row for each time step of MuJoCo: [s], and node errors [m]
 
 
+@second_process(COMPILED_BESIDE)
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate, draw, write everything into a folder, which is made if it is absent, and say where the files are.
 

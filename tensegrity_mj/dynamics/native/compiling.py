@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.dynamics.native import notices
+from tensegrity_mj.dynamics.native.beside import taken
 from tensegrity_mj.dynamics.native.kept import Code, keep_code, kept_code, shipped_name, write_entry
 
 _compiling = threading.RLock()
@@ -122,7 +123,7 @@ class CFunction:
 
     @functools.cached_property
     def _code(self) -> tuple[Code, int]:
-        with _compiling:
+        with _compiling, taken(self):
             code = kept_code(self.py_func, self.signature, self._options)
             if code is not None:
                 address = code.load()

@@ -33,7 +33,7 @@ _state = {"listening": False, "silent": False}
 @contextmanager
 def announced(what: str) -> Iterator[None]:
     """Say what is compiled within the block, once, if it takes long."""
-    _blocks.append(_Block(what))
+    _blocks.append(_Block(what, since=time.monotonic()))
     try:
         yield
     finally:
@@ -64,10 +64,10 @@ def listen() -> None:
             self.depth += 1
             if self.depth == 1:
                 _blocks[-1].since = time.monotonic()
-            _step()
+            step()
 
         def on_end(self, event: Any) -> None:
-            _step()
+            step()
             self.depth -= 1
             if self.depth == 0:
                 _blocks[-1].spent += time.monotonic() - _blocks[-1].since
@@ -76,7 +76,8 @@ def listen() -> None:
     _state["listening"] = True
 
 
-def _step() -> None:
+def step() -> None:
+    """Say what is compiled, where it takes long. An interrupt that waits is raised here."""
     interrupts.raise_if_requested()
     block = _blocks[-1]
     if not block.said and not _state["silent"] and block.spent + time.monotonic() - block.since > QUIET:
