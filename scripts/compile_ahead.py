@@ -34,7 +34,7 @@ def modules() -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ship", action="store_true", help="compile for any processor, into the package")
-    parser.add_argument("--alone", action="store_true", help="compile in one process, whose CPU time is least (default: two)")
+    parser.add_argument("--alone", action="store_true", help="in one process (default: two, with more CPU time)")
     options = parser.parse_args()
     ship = options.ship
     if ship:

@@ -84,7 +84,8 @@ def test_what_the_other_process_has_taken_is_waited_for(
     command = [sys.executable, "-c", HOLD, str(locks), "60" if killed else ".5"]
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     with subprocess.Popen(command, env=environment, pass_fds=[locks], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None and other.stdout.readline() == "taken\n"
+        assert other.stdout is not None
+        assert other.stdout.readline() == "taken\n"
         with beside.taken(functions.twice, wait=False) as free:
             assert not free
         if killed:
