@@ -26,14 +26,9 @@ _locks: list[int] = []  # the file of locks, while there are two processes
 
 @contextlib.contextmanager
 def second_process(names: Sequence[str], heard: bool = False) -> Iterator[Any]:
-    """Have a second process compile C functions within the block, in this order, unless at most one is not kept.
+    """Have a second process compile C functions, module:name each, in this order, unless at most one is not kept.
 
-    Args:
-        names: of the functions, module:name each.
-        heard: its progress and its errors go to stderr.
-
-    Yields:
-        The process, if there is one.
+    Its progress and its errors are not written, unless it is `heard`. Yields the process, if there is one.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     todo = [name for name, one in zip(names, _named(names), strict=True) if not one.is_kept] if cores > 1 else []
@@ -44,15 +39,10 @@ def second_process(names: Sequence[str], heard: bool = False) -> Iterator[Any]:
 
     locks, process = os.memfd_create("functions"), None
     command = [str(sys.executable), "-P", "-c", f"from {__name__} import _main; _main()", str(locks), *todo]
-    paths = os.pathsep.join(path for path in sys.path if path)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    errors = None if heard else subprocess.DEVNULL
     with contextlib.suppress(OSError):
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stderr=None if heard else subprocess.DEVNULL,
-            env=os.environ | {"PYTHONPATH": paths},
-            pass_fds=[locks],
-        )
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=errors, env=environment, pass_fds=[locks])
     _locks.append(locks)
     try:
         yield process
@@ -79,8 +69,7 @@ def taken(function: Any, wait: bool = True) -> Iterator[bool]:
     try:
         yield free
     finally:
-        if free:
-            _lock(fcntl.LOCK_UN, byte)
+        _lock(fcntl.LOCK_UN, byte)  # of this process alone
 
 
 def _lock(operation: int, byte: int) -> bool:
