@@ -63,7 +63,7 @@ def _nearest(x1: Any, u: Any, x2: Any, w: Any) -> tuple[float, float]:
 
 @inlined
 def _meet(floor: Any, count: int, pair: Any, between: Any, parts: tuple[float, float], side: Any) -> int:
-    """Add what two rods have in touch where their axes are `between` apart; `side`: a normal of axes that cross."""
+    """Add what two rods have in touch where their axes are `between` apart; `side`: the normal where that is 0."""
     radii, gaps = floor.radii, floor.gaps
     a, o = pair
     distance = np.sqrt(dot(between, between))
@@ -81,11 +81,16 @@ def _meet(floor: Any, count: int, pair: Any, between: Any, parts: tuple[float, f
 
 
 @inlined
+def _square_to(n: Any) -> tuple[float, float, float]:
+    """Any unit vector that is square to this one."""
+    first = cross(n, (1.0, 0.0, 0.0) if abs(n[0]) < 0.6 else (0.0, 1.0, 0.0))
+    return over(first, np.sqrt(dot(first, first)))
+
+
+@inlined
 def _put_frame(frames: Any, k: int, n: Any) -> None:
     """A frame of a normal and any two tangents."""
-    axis = (1.0, 0.0, 0.0) if abs(n[0]) < 0.6 else (0.0, 1.0, 0.0)
-    first = cross(n, axis)
-    first = over(first, np.sqrt(dot(first, first)))
+    first = _square_to(n)
     put(frames[k], 0, n)
     put(frames[k], 1, first)
     put(frames[k], 2, cross(n, first))
@@ -121,7 +126,9 @@ def _find(own: Any, floor: Any) -> int:
             else:
                 s, t = _nearest(x1, u, x2, w)
             between = minus(plus(x2, times(t, w)), plus(x1, times(s, u)))
-            count = _meet(floor, count, (a, o), between, (s, t), cross(u, w))
+            # Where a fast rod has come through the end of another, its axis may be in that of the other.
+            side = _square_to(over(u, np.sqrt(dot(u, u)))) if parallel else cross(u, w)
+            count = _meet(floor, count, (a, o), between, (s, t), side)
     return count
 
 

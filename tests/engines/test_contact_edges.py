@@ -108,3 +108,16 @@ def test_a_rod_as_thick_as_long_is_refused_for_its_thickness() -> None:
     with pytest.raises(StructureError, match="a rod is thicker for its length than MuJoCo lets turn about its axis"):
         tmj.simulate(scene, None, tmj.MuJoCo(STEP), duration=0.01)
     tmj.simulate(scene, None, tmj.DAE(), duration=0.01)
+
+
+@pytest.mark.filterwarnings("ignore::tensegrity_mj.errors.StabilityWarning")
+def test_a_rod_that_comes_through_the_end_of_another_is_pushed_out() -> None:
+    """At 30 m/s along its axis, that of the other rod: both are 0 apart, and have no normal of theirs."""
+    nodes = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (1.03, 0, 0), "d": (2.03, 0, 0)}
+    rods = (tmj.Rod("one", ("a", "b"), 1.0, 0.01), tmj.Rod("other", ("c", "d"), 1.0, 0.01))
+    velocities = [(30.0, 0, 0)] * 2 + [(0, 0, 0)] * 2
+    scene = tmj.Scene(tmj.Structure("rods", nodes, rods), contact=Contact(rods=True), initial_velocities=velocities)
+    run = tmj.simulate(scene, None, tmj.DAE(method="rk4", timestep=STEP), duration=0.02)
+    assert np.isfinite(run.nodes).all()
+    momentum = 0.25 * 2 * run.velocities[-1].sum(axis=0)  # of thin rods half of each is that of each end
+    np.testing.assert_allclose(momentum, (30.0, 0, 0), rtol=0, atol=1e-9)
