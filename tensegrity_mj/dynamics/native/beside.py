@@ -7,7 +7,6 @@ the two of them have. Locks end with their process: if the second one fails, thi
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import importlib
 import os
 import signal
@@ -63,19 +62,23 @@ def taken(function: Any, wait: bool = True) -> Iterator[bool]:
     """Take a function for the block; if the other process has it, wait until it does not, or give False."""
     byte = int(hashed(f"{function.__module__}:{function.__qualname__}")[:12], 16)
     with notices.announced(function.what):
-        while not (free := _lock(fcntl.LOCK_EX | fcntl.LOCK_NB, byte)) and wait:
+        while not (free := _lock(byte)) and wait:
             notices.step()
             time.sleep(0.02)
     try:
         yield free
     finally:
-        _lock(fcntl.LOCK_UN, byte)  # of this process alone
+        _lock(byte, free=True)  # of this process alone
 
 
-def _lock(operation: int, byte: int) -> bool:
+def _lock(byte: int, free: bool = False) -> bool:
+    if not _locks:
+        return True
+    import fcntl  # where there are such locks
+
     with contextlib.suppress(BlockingIOError):
         for file in _locks:
-            fcntl.lockf(file, operation, 1, byte)
+            fcntl.lockf(file, fcntl.LOCK_UN if free else fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
         return True
     return False
 
