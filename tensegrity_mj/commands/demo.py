@@ -15,7 +15,6 @@ from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, code_of_status, number, output_folder, table
-from tensegrity_mj.dynamics.native.beside import second_process
 from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError, printable
 
 TIMESTEP = 1e-3  # s, of the run that is filmed
@@ -40,7 +39,6 @@ COMPILED_BESIDE = (
 Agreement = list[dict[str, float]]  # a row for each time step of MuJoCo: [s], and node errors [m]
 
 
-@second_process(COMPILED_BESIDE)
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate, draw, write everything into a folder, which is made if it is absent, and say where the files are.
 
@@ -48,6 +46,13 @@ def execute(options: argparse.Namespace) -> Outcome:
         OptionError: if the folder cannot be made or written in, or the scene has no control law.
         InfeasibleError, DivergenceError: if a simulation ends before its time.
     """
+    from tensegrity_mj.dynamics.native.beside import second_process  # numpy, which help and parsing need not load
+
+    with second_process(COMPILED_BESIDE):
+        return _outcome(options)
+
+
+def _outcome(options: argparse.Namespace) -> Outcome:
     scene = library.load_scene(options.scene)
     if scene.control is None:
         raise OptionError(f"scene '{scene.name}' has no control law; choose one that has, such as prism or pinned_rod")

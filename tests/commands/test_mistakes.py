@@ -108,7 +108,7 @@ FILES: dict[tuple[str, str], tuple[str, ...]] = {
     ("tip = [0, 0.5, 0]", "tpi = [0, 0.5, 0]"): ("unknown node 'tpi'", "did you mean 'tip'?"),
     ("[scene]", "[scen]"): ("unknown key 'scen'", "did you mean 'scene'?"),
     ("[[structure.rods]]", "[structure.rods]"): ("structure: rods = ", "(a table)", "each under [[structure.rods]]"),
-    ("duration = 3.0", "contact = { floor = 5.0 }"): ("rod 'rod' at node 'foot'", "inside the floor", "start higher"),
+    ("duration = 3.0", "contact = { floor = 5.0 }"): ("rod 'rod' at node 'tip'", "inside the floor", "start higher"),
     ("duration = 3.0", "contact = { flor = 0.0 }"): ("unknown key 'flor'", "did you mean 'floor'?"),
     ("duration = 3.0", 'loads = [{ node = "tipp", force = [0, 0, 1] }]'): ("loads[0]", "'tipp'", "did you mean 'tip'?"),
     ("duration = 3.0", 'breaks = [{ string = "s3", time = 1.0 }]'): ("breaks[0]", "unknown string 's3'", "'s1', 's2'"),
