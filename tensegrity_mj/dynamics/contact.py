@@ -104,7 +104,7 @@ def solved(H: Any, c: Any) -> tuple[float, float, float]:
 
 @inlined
 def _sliding(law: Any, H: Any, c: Any, e1: float, e2: float) -> tuple[float, float, float, float]:
-    """Of f = s (1, μ e): s, e × w_t, its derivative by the angle of e, and -e · w_t, which is >= 0 of what slides."""
+    """s of f = s (1, μ e), e × w_t, its derivative by the angle of e, and -e · w_t, which is >= 0 of what slides."""
     mu = law.friction
     u, across = (1.0, mu * e1, mu * e2), (0.0, -e2, e1)
     Hu, Hq = times_symmetric(H, u), times_symmetric(H, across)
@@ -273,7 +273,7 @@ def _acceleration(A: Any, c: Any, at: int, f: Any) -> tuple[float, float, float]
 
 
 def room_size(contacts: int) -> int:
-    """How many numbers `system` needs."""
+    """Count of numbers that `system` needs."""
     m = 3 * contacts
     return m * (2 * m + 9)
 

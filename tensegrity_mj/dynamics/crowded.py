@@ -16,6 +16,7 @@ from tensegrity_mj.dynamics.contact import Floor, push_all, system, three
 from tensegrity_mj.dynamics.kernels import (
     accelerate_points,
     direction_of,
+    multiplier,
     rod_accelerations,
     rod_forces,
     stretch_term,
@@ -27,11 +28,13 @@ from tensegrity_mj.dynamics.touching import (
     by_unit_force,
     count_contact,
     felt,
+    floor_gaps,
     in_frame,
     moved,
     note,
     of_frame,
     push_points,
+    rate_of_r,
     wanted,
 )
 
@@ -40,20 +43,20 @@ PARALLEL = 1e-8  # of both lengths' squares: axes with less of an area's square 
 
 @inlined
 def _part(x: Any, u: Any, point: Any) -> float:
-    """Where a segment, from x along u, is nearest to a point: a part of its length."""
+    """Place on a segment, from x along u, that is nearest to a point: a part of its length."""
     return min(max(dot(u, minus(point, x)) / dot(u, u), 0.0), 1.0)
 
 
 @inlined
 def _across(u: Any, w: Any) -> float:
-    """How much of two lengths is across each other: 0 of parallel ones."""
+    """Square of the sine between two directions: 0 of parallel ones."""
     area = cross(u, w)
     return dot(area, area) / (dot(u, u) * dot(w, w))
 
 
 @inlined
 def _nearest(x1: Any, u: Any, x2: Any, w: Any) -> tuple[float, float]:
-    """Where two segments, from x along u and w, are nearest to each other: parts of their lengths."""
+    """Places on two segments, from x along u and w, that are nearest to each other: parts of their lengths."""
     apart = minus(x1, x2)
     uu, ww, uw, ua, wa = dot(u, u), dot(w, w), dot(u, w), dot(u, apart), dot(w, apart)
     s = min(max((uw * wa - ww * ua) / (uu * ww - uw * uw), 0.0), 1.0)
@@ -104,8 +107,9 @@ def _find(own: Any, floor: Any) -> int:
     n = row_of(floor.frame, 0)
     if floor.there:
         for a in range(len(rods)):
+            heights = floor_gaps(floor, a, rods[a], nodes)
             for end in range(2):
-                gap = dot(n, row_of(nodes, rods[a].j if end else rods[a].i)) - floor.lowest[a, end]
+                gap = heights[end]
                 if gap < 0.0 and count < len(gaps):
                     sides[count, 0], sides[count, 1], parts[count, 1], gaps[count] = -1, a, end, gap
                     put(arms[count], 1, times(-(radii[a] + 0.5 * gap), n))
@@ -158,7 +162,7 @@ def _pose(own: Any, floor: Any, q: Any, rates: Any, count: int) -> Any:
                 continue
             rod, known = own.rods[a], floor.free[a]
             b, b_rate, spin, lever, rho = _side(own, floor, q, rates, k, side)
-            r_rate = minus(row_of(own.velocities, rod.i), times(-rod.sigma * rod.length, b_rate))
+            r_rate = rate_of_r(own, rod, b_rate)
             v = plus(v, times(sign, moved(lever, rho, b, r_rate, b_rate, spin)))
             b_turn = minus(three(known, 3), times(dot(b, three(known, 3)) / dot(b, b), b))
             own_free = moved(lever, rho, b, three(known, 0), b_turn, 0.0)
@@ -226,14 +230,14 @@ def crowded_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
                     loads[a, 3 + x] += turning_force[x]
                 if turning >= 0 and floor.axial[a] > 0.0:
                     out[turning + a] += dot(b, couple) / floor.axial[a]
-                r_rate = minus(row_of(own.velocities, rod.i), times(-rod.sigma * rod.length, b_rate))
+                r_rate = rate_of_r(own, rod, b_rate)
                 power += dot(on, moved(lever, rho, b, r_rate, b_rate, 0.0))
     for a in range(len(rods)):
         rod = rods[a]
         b, b_rate = direction_of(rod, q, rod.q + rod.nz), direction_of(rod, rates, rod.q + rod.nz)
         c, t_b = stretch_term(rod, b, b_rate, own.kp, own.kd), three(loads[a], 3)
         r_acc, b_acc = rod_accelerations(rod, b, c, three(loads[a], 0), t_b)
-        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
+        multipliers[a] = multiplier(rod, b, c, r_acc, t_b)
         write_coordinates(rod, rod.nz, r_acc, b_acc, out)
     if floor.there:
         power += push_points(own)

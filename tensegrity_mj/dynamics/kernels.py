@@ -229,6 +229,12 @@ def stretch_term(rod: Any, b: Any, b_rate: Any, kp: float, kd: float) -> float:
 
 
 @inlined
+def multiplier(rod: Any, b: Any, c: Any, r_acc: Any, t_b: Any) -> Any:
+    """λ of a rod, for c of `stretch_term`, its acceleration r̈ and the force t_b on b."""
+    return c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
+
+
+@inlined
 def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
     """Eᵀr and Bᵀb into a rod's places of `out` (nq,), with as many z as it has there."""
     write_translations(rod, nz, r, out)
@@ -253,7 +259,7 @@ def accelerations(members: Any, q: Any, rates: Any, out: Any, added: Any = None)
         c = stretch_term(rod, b, b_rate, kp, kd)
         r_acc, b_acc = accelerate_rod(rod, a, b, c, t_r, t_b, added)
         # Added mass acts across the rod, so that it has no part in λ.
-        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
+        multipliers[a] = multiplier(rod, b, c, r_acc, t_b)
         write_coordinates(rod, rod.nz, r_acc, b_acc, out)
         if added is not None:
             first, second = row_of(members.velocities, rod.i), row_of(members.velocities, rod.j)

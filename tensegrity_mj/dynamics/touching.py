@@ -28,6 +28,7 @@ from tensegrity_mj.dynamics.contact import (
 from tensegrity_mj.dynamics.kernels import (
     accelerate_points,
     direction_of,
+    multiplier,
     rod_accelerations,
     rod_forces,
     stretch_term,
@@ -98,15 +99,21 @@ def _lever(rod: Any, end: int) -> float:
 
 
 @inlined
-def _gaps(law: Any, a: int, rod: Any, nodes: Any) -> tuple[float, float]:
-    """How far both half balls of a rod are above the floor [m]."""
+def rate_of_r(own: Any, rod: Any, b_rate: Any) -> Any:
+    """ṙ of a rod, from its first node's velocity."""
+    return minus(row_of(own.velocities, rod.i), times(_lever(rod, 0), b_rate))
+
+
+@inlined
+def floor_gaps(law: Any, a: int, rod: Any, nodes: Any) -> tuple[float, float]:
+    """Heights of both half balls of a rod above the floor [m]."""
     n = row_of(law.frame, 0)
     return dot(n, row_of(nodes, rod.i)) - law.lowest[a, 0], dot(n, row_of(nodes, rod.j)) - law.lowest[a, 1]
 
 
 @borrowing
 def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc: Any, b_acc: Any) -> Any:
-    """What the contacts of a rod add to t_r, t_b and s', and their power [W] but for that on the spin.
+    """Contributions of a rod's contacts to t_r, t_b and s', and their power [W] but for that on the spin.
 
     `r_acc`, `b_acc`: accelerations without them.
     """
@@ -114,14 +121,14 @@ def push_rod(own: Any, a: int, rod: Any, b: Any, b_rate: Any, spin: float, r_acc
     frame, radius, axial = law.frame, law.radii[a], law.axial[a]
     n = row_of(frame, 0)
     t_r, t_b, power, spun = ZERO, ZERO, 0.0, 0.0
-    gaps = _gaps(law, a, rod, nodes)
+    gaps = floor_gaps(law, a, rod, nodes)
     count, first = 0, 0
     equations = system(stack_doubles(ROOM_OF_TWO), 2)
     A, c, R, f = equations[0], equations[1], equations[2], equations[3]
     # MuJoCo leaves out what q̇ adds to an acceleration: of the node about r, and of ρ.
     exact = law.kind == COULOMB
     b_turn = b_acc if exact else minus(b_acc, times(dot(b, b_acc) / dot(b, b), b))
-    r_rate = minus(row_of(own.velocities, rod.i), times(_lever(rod, 0), b_rate))
+    r_rate = rate_of_r(own, rod, b_rate)
     for end in range(2):
         gap = gaps[end]
         if gap >= 0.0:
@@ -209,13 +216,13 @@ def touching_accelerations(own: Any, q: Any, rates: Any, out: Any) -> float:
             spin, out[turning + a] = rates[turning + a], 0.0
             t_b = plus(t_b, times(floor.axial[a] * spin, cross(b, b_rate)))
         r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
-        if min(_gaps(floor, a, rod, nodes)) < 0.0:
+        if min(floor_gaps(floor, a, rod, nodes)) < 0.0:
             more_r, more_b, spun, given = push_rod(own, a, rod, b, b_rate, spin, r_acc, b_acc)
             if turning >= 0:
                 out[turning + a] = spun
             t_r, t_b, power = plus(t_r, more_r), plus(t_b, more_b), power + given
             r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
-        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
+        multipliers[a] = multiplier(rod, b, c, r_acc, t_b)
         write_coordinates(rod, rod.nz, r_acc, b_acc, out)
     power += push_points(own)
     accelerate_points(own.forces, own.points, gravity, out)

@@ -64,7 +64,7 @@ class Request:
 
     @property
     def softer(self) -> str:
-        """What else lets a run with contact go on that diverged: words within a list of remedies."""
+        """Another remedy for a run with contact that diverged, as words within a list of remedies, or ""."""
         contact = self.scene.contact
         return "" if contact is None else f"make contacts softer (stiffness = {contact.stiffness:g} /s²), "
 

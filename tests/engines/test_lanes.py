@@ -61,7 +61,6 @@ def along(scene: tmj.Scene, law: Any, count: int) -> list[tmj.Scene]:
     return [scene.with_(initial_nodes=run.nodes[k], initial_velocities=run.velocities[k]) for k in places]
 
 
-@pytest.mark.third_means("lanes.*", by="single runs, to the last bit")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_run_in_a_lane_is_the_single_run_to_the_last_bit(prism, law, width, threads) -> None:
     starts = along(prism, law, 2 * width + 3)  # the last block is not full

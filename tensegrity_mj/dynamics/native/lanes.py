@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.dynamics.native.compiling import CFunction, Kernel, intrinsic
-from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, TIMED, inlined
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, TIMED
 
 # Version of the code that lanes compile to: compiled code of an older one is not used.
 WIDTHS = (4, 8)  # of registers of 256 and 512 bits
@@ -134,12 +134,6 @@ def alone(result: Any) -> Callable[[Callable[..., Any]], Any]:
     return lambda function: _Alone(function, result)
 
 
-@inlined
-def _alike(address: int) -> int:
-    """An address of what all lanes have in common."""
-    return address
-
-
 @functools.cache
 def in_lanes(function: CFunction, width: int, varied: bool) -> CFunction:
     """A C function for so many runs side by side, whose addresses are those of what lies in lanes."""
@@ -150,7 +144,7 @@ def in_lanes(function: CFunction, width: int, varied: bool) -> CFunction:
             return body(t, at(y), at(dy), at(table))
 
     elif function.signature == LAW_SIGNATURE:
-        own = at if varied else _alike
+        own = at if varied else int  # the address of what all lanes have in common
 
         def made(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def,misc]
             return body(t, at(nodes), at(velocities), own(context), at(command), at(report))

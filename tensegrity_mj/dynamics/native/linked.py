@@ -1,4 +1,4 @@
-"""How C functions and what they call are compiled: numba's way, without what takes half of its time.
+"""Compilation of C functions and of what they call: numba's way, without what takes half of its time.
 
 - A function that only compiled ones call gets no machine code: callers take its intermediate code, which LLVM compiles
   as part of theirs.

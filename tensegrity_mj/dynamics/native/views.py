@@ -154,7 +154,7 @@ class Table:
         return made
 
     def alike(self, apart: Collection[str] = ()) -> tuple[Any, ...]:
-        """What tables have in common that go into lanes together: all but reals, and the fields `apart`."""
+        """Key of a table, equal for those that may share lanes: of all but reals and the fields `apart`."""
         found: list[Any] = []
         for name, (place, kind, dtype, _) in self._layout.items():
             if kind and kind != "each" and name not in apart:

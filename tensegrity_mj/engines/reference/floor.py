@@ -85,8 +85,8 @@ def axial_moments(contact: Contact, structure: Structure) -> Array:
 
 
 def contact_columns(structure: Structure) -> int:
-    """How many numbers are behind λ: forces on each end of a rod and each point mass, and how many contacts there are,
-    the largest normal force [N] and the largest depth [m].
+    """Count of numbers behind λ: forces on each end of a rod and each point mass, the number of
+    contacts, the largest normal force [N] and the largest depth [m].
     """
     return 3 * (2 * len(structure.rods) + len(structure.lone_masses) + 1)
 

@@ -26,18 +26,14 @@ from tensegrity_mj.engines.request import Request
 # What a run has of its own at the end of its steps; the rest of a plant follows from its state.
 OWN = ("held", "memory", "winch", "sampled_lengths", "watched", "resolution", "report", "rows")
 FEWEST = 4  # runs that lanes are worth their preparation for
-APART = (
-    "law_context",
-    "elements",
-    "seen",
-    "damped",
-)  # addresses of what each plant has of its own, and what is not read
+# Addresses of what each plant has of its own, and what is not read.
+APART = ("law_context", "elements", "seen", "damped")
 OTHERS_EQUATIONS = "lanes are of the DAE of rods that share no nodes, by its default solver"
 FUNCTIONS = ("place", "accelerate", "project")
 
 
 def native_width() -> int:
-    """How many lanes this processor's registers hold."""
+    """Number of lanes that this processor's registers hold."""
     return max(WIDTHS) if "+avx512f" in processors()[0] else min(WIDTHS)
 
 
@@ -60,7 +56,7 @@ def why_alone(options: Any, request: Request) -> str:
 
 
 def kind_of(request: Request) -> tuple[Any, ...]:
-    """What runs of one block have in common."""
+    """Key of a run: equal for those that may share a block."""
     scene, law = request.scene, request.law
     return id(scene.structure), scene.gravity, law.address, law.context, request.on_infeasible, request.begin
 
