@@ -63,9 +63,8 @@ class ContactLaw(enum.Enum):
     """Law of friction."""
 
     MUJOCO = "mujoco"  # MuJoCo's convex one: what slides is pushed away from the floor by μ times its damping
-    COULOMB = (
-        "coulomb"  # friction against the slip, of μ times the normal force that there is without it; the DAE alone
-    )
+    # In the DAE alone: friction against the slip, of μ times the normal force that there is without it.
+    COULOMB = "coulomb"
 
 
 @value("contact")
